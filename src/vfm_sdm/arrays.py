@@ -1,0 +1,54 @@
+"""Array types, and the checks that functions make at their door."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from vfm_sdm.errors import DatasetError
+
+__all__ = ["BoolArray", "FloatArray", "IntArray", "LumaArray", "as_float_array"]
+
+FloatArray = npt.NDArray[np.float64]
+"""Double precision, any shape: everything geometric."""
+IntArray = npt.NDArray[np.integer]
+BoolArray = npt.NDArray[np.bool_]
+LumaArray = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+"""One image plane of brightness, shape (height, width)."""
+
+
+def as_float_array(value: npt.ArrayLike, name: str, shape: Sequence[int | None]) -> FloatArray:
+    """The value as a double-precision array of the expected shape.
+
+    Parameters
+    ----------
+    value
+        Anything that NumPy turns into an array.
+    name
+        What the caller calls it; appears in the message.
+    shape
+        Expected trailing shape; ``None`` stands for any length. A leading ``-1`` admits any number of leading axes.
+
+    Raises
+    ------
+    DatasetError
+        The value is not numeric or has another shape.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DatasetError(f"{name}: expected numbers, got {type(value).__name__}; pass a numeric array") from error
+    open_front = len(shape) > 0 and shape[0] == -1
+    trailing = tuple(shape[1:] if open_front else shape)
+    found = array.shape[array.ndim - len(trailing) :] if array.ndim >= len(trailing) else None
+    fits = (
+        found is not None
+        and (open_front or array.ndim == len(trailing))
+        and all(want is None or want == got for want, got in zip(trailing, found, strict=True))
+    )
+    if not fits:
+        wanted = ", ".join("any" if length is None else str(length) for length in trailing)
+        raise DatasetError(
+            f"{name}: expected shape ({'..., ' if open_front else ''}{wanted}), got {array.shape}; reshape it"
+        )
+    return array

@@ -1,0 +1,249 @@
+"""The labelled datasets that travel between the stages: what they hold, and the checks at the door.
+
+tracks
+    One view, own clock: dims ``time, point, pixel``; ``position`` [px], ``position_covariance`` [px2]
+    (``pixel_a, pixel_b``), ``status``. With a leading dim ``view`` the tracks share one clock.
+displacement
+    dims ``time, point, axis``; ``displacement`` [mm], ``displacement_std`` [mm] (random part), ``scale_std`` [1]
+    (systematic part, dims ``point, axis``), ``position`` [m], ``reprojection_error`` [px], ``status``.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from vfm_sdm.errors import DatasetError
+
+__all__ = [
+    "CAMERA_AXES",
+    "PIXEL",
+    "STATUS_MEANINGS",
+    "STRUCTURE_AXES",
+    "Status",
+    "check_displacement",
+    "check_tracks",
+    "convert_units",
+    "make_displacement",
+    "make_tracks",
+    "status_variable",
+]
+
+PIXEL = ("u", "v")
+STRUCTURE_AXES = ("lateral", "vertical", "longitudinal")
+CAMERA_AXES = ("right", "down", "forward")
+STATUS_MEANINGS = ("ok", "lost", "outside", "unreliable", "behind_camera")
+
+
+class Status:
+    """Codes of a sample's ``status``: why a position is NaN, or should not be trusted."""
+
+    OK = 0
+    """Found and trusted."""
+    LOST = 1
+    """Not found again; NaN."""
+    OUTSIDE = 2
+    """Left the image; NaN."""
+    UNRELIABLE = 3
+    """Found, but with poor resemblance or uncertainty; the value stands, use with care."""
+    BEHIND = 4
+    """Triangulated behind a camera: the rays do not meet in front of both; NaN. In displacement only."""
+
+
+_UNIT_FACTORS = {("m", "mm"): 1e3, ("mm", "m"): 1e-3, ("g", "m/s2"): 9.80665, ("m/s2", "g"): 1 / 9.80665}
+
+
+def status_variable(dims: Sequence[str], codes: npt.ArrayLike) -> xr.Variable:
+    """A status variable with its meanings as CF flags."""
+    values = np.asarray(codes, dtype=np.int8)
+    flags = np.arange(len(STATUS_MEANINGS), dtype=np.int8)
+    return xr.Variable(dims, values, {"flag_values": flags, "flag_meanings": " ".join(STATUS_MEANINGS)})
+
+
+def make_tracks(
+    time_s: npt.ArrayLike,
+    points: Sequence[str],
+    position: npt.ArrayLike,
+    position_covariance: npt.ArrayLike,
+    status: npt.ArrayLike,
+    *,
+    attrs: Mapping[str, Any],
+) -> xr.Dataset:
+    """Tracks of one view.
+
+    Parameters
+    ----------
+    time_s
+        Clock of the view, shape (T,) [s].
+    points
+        Point names, length P.
+    position
+        Shape (T, P, 2) [px], full-image pixels; NaN where lost or outside.
+    position_covariance
+        Shape (T, P, 2, 2) [px2].
+    status
+        Codes of `Status`, shape (T, P).
+    attrs
+        ``tracker``, ``view``, ``image_width``, ``image_height`` and whatever else explains the tracks.
+
+    Raises
+    ------
+    DatasetError
+        Shapes disagree or the clock does not increase.
+    """
+    try:
+        tracks = xr.Dataset(
+            {
+                "position": (("time", "point", "pixel"), np.asarray(position, np.float64), {"units": "px"}),
+                "position_covariance": (
+                    ("time", "point", "pixel_a", "pixel_b"),
+                    np.asarray(position_covariance, np.float64),
+                    {"units": "px2"},
+                ),
+                "status": status_variable(("time", "point"), status),
+            },
+            coords={
+                "time": ("time", np.asarray(time_s, np.float64), {"units": "s"}),
+                "point": list(points),
+                "pixel": list(PIXEL),
+                "pixel_a": list(PIXEL),
+                "pixel_b": list(PIXEL),
+            },
+            attrs=dict(attrs),
+        )
+    except ValueError as error:
+        raise DatasetError(f"tracks: expected arrays of one number of frames and points; {error}") from error
+    return check_tracks(tracks)
+
+
+def check_tracks(tracks: xr.Dataset, *, synchronized: bool = False) -> xr.Dataset:
+    """The same tracks, after checking dims, units and clock.
+
+    Raises
+    ------
+    DatasetError
+        A variable is missing, or has other dims or units; the clock does not increase.
+    """
+    lead = ("view",) if synchronized else ()
+    _check_variable(tracks, "position", (*lead, "time", "point", "pixel"), "px")
+    _check_variable(tracks, "position_covariance", (*lead, "time", "point", "pixel_a", "pixel_b"), "px2")
+    _check_variable(tracks, "status", (*lead, "time", "point"), None)
+    _check_clock(tracks)
+    return tracks
+
+
+def make_displacement(
+    time_s: npt.ArrayLike,
+    points: Sequence[str],
+    axes: Sequence[str],
+    *,
+    displacement_mm: npt.ArrayLike,
+    displacement_std_mm: npt.ArrayLike,
+    scale_std: npt.ArrayLike,
+    position_m: npt.ArrayLike,
+    reprojection_error_px: npt.ArrayLike,
+    status: npt.ArrayLike,
+    attrs: Mapping[str, Any],
+) -> xr.Dataset:
+    """Displacement of points along named axes.
+
+    Parameters
+    ----------
+    time_s
+        Common clock, shape (T,) [s].
+    points, axes
+        Names, lengths P and 3.
+    displacement_mm, displacement_std_mm
+        Shape (T, P, 3) [mm]; the standard deviation is the random part only.
+    scale_std
+        Relative standard deviation of each axis' gain, shape (P, 3) [1]: the systematic part.
+    position_m
+        Shape (T, P, 3) [m], in the frame named in ``attrs["frame"]``.
+    reprojection_error_px
+        Shape (T, P) [px].
+    status
+        Codes of `Status`, shape (T, P).
+    attrs
+        ``frame`` and whatever else explains the values.
+
+    Raises
+    ------
+    DatasetError
+        Shapes disagree or the clock does not increase.
+    """
+    dims = ("time", "point", "axis")
+    try:
+        displacement = xr.Dataset(
+            {
+                "displacement": (dims, np.asarray(displacement_mm, np.float64), {"units": "mm"}),
+                "displacement_std": (dims, np.asarray(displacement_std_mm, np.float64), {"units": "mm"}),
+                "scale_std": (("point", "axis"), np.asarray(scale_std, np.float64), {"units": "1"}),
+                "position": (dims, np.asarray(position_m, np.float64), {"units": "m"}),
+                "reprojection_error": (dims[:2], np.asarray(reprojection_error_px, np.float64), {"units": "px"}),
+                "status": status_variable(dims[:2], status),
+            },
+            coords={
+                "time": ("time", np.asarray(time_s, np.float64), {"units": "s"}),
+                "point": list(points),
+                "axis": list(axes),
+            },
+            attrs=dict(attrs),
+        )
+    except ValueError as error:
+        raise DatasetError(f"displacement: expected arrays of one number of frames and points; {error}") from error
+    return check_displacement(displacement)
+
+
+def check_displacement(displacement: xr.Dataset) -> xr.Dataset:
+    """The same displacement, after checking dims, units and clock.
+
+    Raises
+    ------
+    DatasetError
+        A variable is missing, or has other dims or units; the clock does not increase.
+    """
+    dims = ("time", "point", "axis")
+    _check_variable(displacement, "displacement", dims, "mm")
+    _check_variable(displacement, "displacement_std", dims, "mm")
+    _check_variable(displacement, "scale_std", ("point", "axis"), "1")
+    _check_variable(displacement, "position", dims, "m")
+    _check_variable(displacement, "reprojection_error", dims[:2], "px")
+    _check_variable(displacement, "status", dims[:2], None)
+    _check_clock(displacement)
+    return displacement
+
+
+def convert_units(array: xr.DataArray, units: str) -> xr.DataArray:
+    """The array in other units, values and ``units`` attribute changed together.
+
+    Raises
+    ------
+    DatasetError
+        The array has no units, or no factor between the two is known.
+    """
+    have = str(array.attrs.get("units"))
+    if have == units:
+        return array
+    if (have, units) not in _UNIT_FACTORS:
+        raise DatasetError(f"units: expected one of {sorted(_UNIT_FACTORS)}, got {have!r} to {units!r}; set `units`")
+    converted: xr.DataArray = array * _UNIT_FACTORS[(have, units)]
+    converted.attrs = {**array.attrs, "units": units}
+    return converted
+
+
+def _check_variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], units: str | None) -> None:
+    if name not in dataset:
+        raise DatasetError(f"dataset: expected a variable {name!r}, got {sorted(map(str, dataset.data_vars))}")
+    variable = dataset[name]
+    if variable.dims != dims:
+        raise DatasetError(f"{name}: expected dims {dims}, got {variable.dims}; transpose or rename them")
+    if units is not None and variable.attrs.get("units") != units:
+        raise DatasetError(f"{name}: expected units {units!r}, got {variable.attrs.get('units')!r}; convert them")
+
+
+def _check_clock(dataset: xr.Dataset) -> None:
+    time_s = dataset["time"].values
+    if not np.isfinite(time_s).all() or np.any(np.diff(time_s) <= 0):
+        raise DatasetError("time: expected finite, increasing seconds, got repeated or falling stamps; sort the frames")

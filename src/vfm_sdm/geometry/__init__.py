@@ -1,0 +1,1 @@
+"""Pure geometry on NumPy arrays: cameras, triangulation, structural axes, propagation of covariances."""

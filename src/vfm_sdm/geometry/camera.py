@@ -1,0 +1,299 @@
+"""Pinhole camera with lens distortion, and the rig of several such cameras (Eq. 1 of the paper)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.errors import CameraError
+
+__all__ = ["CAMERA_PARAMETERS", "Camera", "Rig", "distort", "distort_derivative", "undistort"]
+
+CAMERA_PARAMETERS = ("log_focal", "cx", "cy", "k1", "rx", "ry", "rz", "tx", "ty", "tz")
+"""The parameters of one camera that carry uncertainty, in the order of a rig's covariance.
+
+``log_focal`` scales fx and fy together [1]; ``cx, cy`` shift the principal point [px]; ``k1`` is the first radial
+coefficient [1]; ``rx, ry, rz`` rotate the camera, a rotation vector in the camera's own frame [rad];
+``tx, ty, tz`` shift the translation of ``cam_from_world`` [length unit of the rig].
+"""
+
+_UNDISTORT_ITERATIONS = 20
+_NO_DISTORTION = 1e-12
+"""Coefficients below this move no pixel; their polynomial's roots would overflow."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera with Brown-Conrady distortion.
+
+    Parameters
+    ----------
+    K
+        Intrinsics, shape (3, 3) [px]; the centre of the top-left pixel is (0, 0).
+    image_size
+        Width and height [px].
+    distortion
+        Coefficients k1, k2, p1, p2, k3 in OpenCV's order, shape (5,) [1]; shorter ones are padded with zeros.
+    cam_from_world
+        Pose, shape (3, 4): rotation and translation. Axes: x right, y down, z forward.
+
+    Raises
+    ------
+    CameraError
+        K is not an upper triangle with positive focal lengths, the rotation is not a rotation, the image has no
+        size, there are more than five distortion coefficients, or a value is not finite.
+    DatasetError
+        A shape is wrong.
+    """
+
+    K: FloatArray
+    image_size: tuple[int, int]
+    distortion: FloatArray = field(default_factory=lambda: np.zeros(5))
+    cam_from_world: FloatArray = field(default_factory=lambda: np.eye(3, 4))
+
+    def __post_init__(self) -> None:
+        K = as_float_array(self.K, "K", (3, 3))
+        pose = as_float_array(self.cam_from_world, "cam_from_world", (3, 4))
+        coefficients = np.asarray(self.distortion, dtype=np.float64).ravel()
+        if coefficients.size > 5 and np.any(coefficients[5:] != 0):
+            raise CameraError(
+                f"distortion: expected at most k1, k2, p1, p2, k3, got {coefficients.size} non-zero coefficients; "
+                "calibrate with the five-coefficient model"
+            )
+        coefficients = np.pad(coefficients[:5], (0, max(0, 5 - coefficients.size)))
+        if not (np.isfinite(K).all() and K[0, 0] > 0 and K[1, 1] > 0):
+            raise CameraError(f"K: expected finite values and positive focal lengths, got {K.tolist()}; check the file")
+        if K[1, 0] != 0 or not np.array_equal(K[2], [0.0, 0.0, 1.0]):
+            raise CameraError(
+                f"K: expected an upper triangle with last row (0, 0, 1), got {K.tolist()}; "
+                "transpose it if it comes from a program that writes it by columns"
+            )
+        if not (np.isfinite(pose).all() and np.isfinite(coefficients).all()):
+            raise CameraError(
+                "camera: expected a finite pose and finite distortion, got NaN or infinity; check the file"
+            )
+        if min(self.image_size) <= 0:
+            raise CameraError(
+                f"image_size: expected width and height above 0 px, got {self.image_size}; check the file"
+            )
+        R = pose[:, :3]
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
+            raise CameraError("cam_from_world: expected a rotation in its first three columns; orthonormalise it")
+        for name, value in (("K", K), ("distortion", coefficients), ("cam_from_world", pose)):
+            frozen = value.copy()
+            frozen.flags.writeable = False
+            object.__setattr__(self, name, frozen)
+        object.__setattr__(self, "image_size", (int(self.image_size[0]), int(self.image_size[1])))
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Rotation part R of ``cam_from_world``, shape (3, 3)."""
+        return self.cam_from_world[:, :3]
+
+    @property
+    def translation(self) -> FloatArray:
+        """Translation part t of ``cam_from_world``, shape (3,)."""
+        return self.cam_from_world[:, 3]
+
+    @property
+    def center(self) -> FloatArray:
+        """Optical centre C = -R^T t in the world frame, shape (3,)."""
+        return -self.rotation.T @ self.translation
+
+    @property
+    def focal_px(self) -> float:
+        """Geometric mean of fx and fy [px]."""
+        return float(np.sqrt(self.K[0, 0] * self.K[1, 1]))
+
+    def project(self, points3d: npt.ArrayLike) -> FloatArray:
+        """Pixels of world points, shape (..., 3) to (..., 2) (Eq. 1).
+
+        NaN for points behind the camera, and for points so far off the axis that the distortion polynomial folds.
+        """
+        X = as_float_array(points3d, "points3d", (-1, 3))
+        in_camera = X @ self.rotation.T + self.translation
+        depth = np.where(in_camera[..., 2:] > 0, in_camera[..., 2:], np.nan)
+        normalized = in_camera[..., :2] / depth
+        inside = (normalized**2).sum(axis=-1, keepdims=True) < _fold_radius2(self.distortion)
+        return self.pixels(distort(np.where(inside, normalized, np.nan), self.distortion))
+
+    def pixels(self, distorted: FloatArray) -> FloatArray:
+        """Pixels of distorted normalised coordinates, shape (..., 2) to (..., 2)."""
+        return distorted @ self.K[:2, :2].T + self.K[:2, 2]
+
+    def normalize(self, points2d: npt.ArrayLike) -> FloatArray:
+        """Undistorted normalised coordinates (x/z, y/z) of pixels, shape (..., 2) to (..., 2)."""
+        u = as_float_array(points2d, "points2d", (-1, 2))
+        y = (u[..., 1] - self.K[1, 2]) / self.K[1, 1]
+        x = (u[..., 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0]
+        return undistort(np.stack([x, y], axis=-1), self.distortion)
+
+    def perturbed(self, delta: npt.ArrayLike) -> "Camera":
+        """The camera with its uncertain parameters changed by ``delta``, ordered as `CAMERA_PARAMETERS`."""
+        step = as_float_array(delta, "delta", (len(CAMERA_PARAMETERS),))
+        K = self.K.copy()
+        K[:2, :2] *= np.exp(step[0])
+        K[:2, 2] += step[1:3]
+        distortion = self.distortion.copy()
+        distortion[0] += step[3]
+        R = Rotation.from_rotvec(step[4:7]).as_matrix() @ self.rotation
+        pose = np.column_stack([R, self.translation + step[7:10]])
+        return replace(self, K=K, distortion=distortion, cam_from_world=pose)
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Fixed cameras with known relative pose; the first view is the reference and defines the world frame.
+
+    Parameters
+    ----------
+    names
+        View names, in the order of ``cameras``.
+    cameras
+        At least one camera; ``cam_from_world`` of the first is the identity.
+    metric
+        Whether lengths are metres; otherwise they are known up to one common factor.
+    covariance
+        Covariance of all uncertain parameters, shape (10 V, 10 V), camera by camera in the order of
+        `CAMERA_PARAMETERS`; ``None`` when nothing is known about it.
+
+    Raises
+    ------
+    CameraError
+        Names and cameras differ in number, names repeat, or the covariance has another shape.
+    """
+
+    names: tuple[str, ...]
+    cameras: tuple[Camera, ...]
+    metric: bool = False
+    covariance: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.names) != len(self.cameras) or not self.cameras or len(set(self.names)) != len(self.names):
+            raise CameraError(
+                f"rig: expected one distinct name a camera, got names {list(self.names)} for {len(self.cameras)} "
+                "cameras; name every view once"
+            )
+        if self.covariance is not None:
+            size = len(CAMERA_PARAMETERS) * len(self.cameras)
+            object.__setattr__(self, "covariance", as_float_array(self.covariance, "rig covariance", (size, size)))
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def camera(self, name: str) -> Camera:
+        """The camera of the named view.
+
+        Raises
+        ------
+        CameraError
+            No view has this name.
+        """
+        if name not in self.names:
+            raise CameraError(f"view {name!r}: expected one of {list(self.names)}; use a name of the session")
+        return self.cameras[self.names.index(name)]
+
+    def baseline(self, first: int = 0, second: int = 1) -> float:
+        """Distance between two optical centres, in the rig's length unit."""
+        return float(np.linalg.norm(self.cameras[first].center - self.cameras[second].center))
+
+    def scaled(self, factor: float, *, metric: bool = True) -> "Rig":
+        """The rig with all lengths multiplied by ``factor`` (s = B_true / B_est; section Triangulation)."""
+        cameras = tuple(
+            replace(c, cam_from_world=np.column_stack([c.rotation, factor * c.translation])) for c in self.cameras
+        )
+        covariance = self.covariance
+        if covariance is not None:
+            gain = np.tile([1.0] * 7 + [factor] * 3, len(self))
+            covariance = covariance * np.outer(gain, gain)
+        return Rig(self.names, cameras, metric, covariance)
+
+    def perturbed(self, delta: npt.ArrayLike) -> "Rig":
+        """The rig with its uncertain parameters changed by ``delta``, shape (10 V,)."""
+        size = len(CAMERA_PARAMETERS)
+        steps = as_float_array(delta, "delta", (size * len(self),)).reshape(len(self), size)
+        cameras = tuple(c.perturbed(step) for c, step in zip(self.cameras, steps, strict=True))
+        return replace(self, cameras=cameras)
+
+    @classmethod
+    def from_world(cls, names: Sequence[str], cameras: Sequence[Camera], *, metric: bool) -> "Rig":
+        """A rig from cameras in any common world frame, moved so that the first camera is the origin."""
+        first = cameras[0]
+        moved = []
+        for c in cameras:
+            R = c.rotation @ first.rotation.T
+            moved.append(replace(c, cam_from_world=np.column_stack([R, c.translation - R @ first.translation])))
+        return cls(tuple(names), tuple(moved), metric)
+
+
+def distort(normalized: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Distorted normalised coordinates, shape (..., 2) to (..., 2), with k1, k2, p1, p2, k3."""
+    k1, k2, p1, p2, k3 = coefficients
+    x, y = normalized[..., 0], normalized[..., 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-1,
+    )
+
+
+def distort_derivative(normalized: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Derivative of `distort` by the undistorted coordinates, shape (..., 2) to (..., 2, 2); it is symmetric."""
+    k1, k2, p1, p2, k3 = coefficients
+    x, y = normalized[..., 0], normalized[..., 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * k3 * r2))
+    xx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
+    xy = slope * x * y + 2 * p1 * x + 2 * p2 * y
+    yy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def undistort(distorted: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Inverse of `distort` by Newton's method, shape (..., 2) to (..., 2).
+
+    NaN where no solution is found (outside the field that the coefficients describe).
+    """
+    if not np.any(coefficients):
+        return distorted.copy()
+    point = distorted.copy()
+    for _ in range(_UNDISTORT_ITERATIONS):
+        error = distort(point, coefficients) - distorted
+        slope = distort_derivative(point, coefficients)
+        jxx, jxy, jyy = slope[..., 0, 0], slope[..., 0, 1], slope[..., 1, 1]
+        determinant = jxx * jyy - jxy * jxy
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.stack(
+                [
+                    (jyy * error[..., 0] - jxy * error[..., 1]) / determinant,
+                    (jxx * error[..., 1] - jxy * error[..., 0]) / determinant,
+                ],
+                axis=-1,
+            )
+        point = point - step
+        if np.nanmax(np.abs(step), initial=0.0) < 1e-13:
+            break
+    # Beyond the fold the polynomial turns back, and Newton may land on a mirrored branch that fits equally well.
+    on_first_branch = (point**2).sum(axis=-1) < _fold_radius2(coefficients)
+    converged = np.abs(distort(point, coefficients) - distorted).max(axis=-1) < 1e-9
+    return np.where((on_first_branch & converged)[..., None], point, np.nan)
+
+
+def _fold_radius2(coefficients: FloatArray) -> float:
+    """Squared normalised radius at which the radial polynomial stops to grow; infinite where it never does."""
+    k1, k2, _, _, k3 = coefficients
+    slopes = np.array([7 * k3, 5 * k2, 3 * k1, 1.0])  # d/dr of r (1 + k1 r^2 + k2 r^4 + k3 r^6), in r^2
+    slopes[np.abs(slopes) < _NO_DISTORTION] = 0.0
+    if not slopes[:3].any():
+        return np.inf
+    roots = np.roots(slopes)
+    folds = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+    return float(folds.min(initial=np.inf))

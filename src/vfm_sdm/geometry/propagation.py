@@ -1,0 +1,127 @@
+"""How uncertainty of pixels and of cameras becomes uncertainty of displacement (first order, as in the GUM)."""
+
+import numpy as np
+import numpy.typing as npt
+
+from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
+from vfm_sdm.geometry.triangulation import triangulate
+
+__all__ = ["compute_gain_sensitivity", "compute_gain_std", "compute_position_covariance", "triangulation_jacobian"]
+
+_PIXEL_STEP = 0.5
+# Steps of the camera parameters: large enough to stand clear of rounding, small enough to stay linear.
+_PARAMETER_STEP = np.array([1e-4, 0.1, 0.1, 1e-4, 1e-4, 1e-4, 1e-4])
+
+
+def triangulation_jacobian(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
+    """Change of triangulated positions with the pixels that they come from.
+
+    Parameters
+    ----------
+    points2d
+        Shape (V, P, 2) [px].
+
+    Returns
+    -------
+    jacobian
+        Shape (P, 3, V, 2) [length unit of the rig per px], first camera's frame; central differences.
+    """
+    u = as_float_array(points2d, "points2d", (len(rig), None, 2))
+    jacobian = np.empty((u.shape[1], 3, len(rig), 2))
+    for view in range(len(rig)):
+        for axis in range(2):
+            step = np.zeros_like(u)
+            step[view, :, axis] = _PIXEL_STEP
+            difference = triangulate(u + step, rig) - triangulate(u - step, rig)
+            jacobian[:, :, view, axis] = difference / (2 * _PIXEL_STEP)
+    return jacobian
+
+
+def compute_position_covariance(jacobian: FloatArray, pixel_covariance: npt.ArrayLike) -> FloatArray:
+    """Covariance of positions from independent pixel noise in every view.
+
+    Parameters
+    ----------
+    jacobian
+        Shape (P, 3, V, 2), of `triangulation_jacobian`.
+    pixel_covariance
+        Shape (V, T, P, 2, 2) [px2].
+
+    Returns
+    -------
+    covariance
+        Shape (T, P, 3, 3) [length unit squared].
+    """
+    covariance = as_float_array(pixel_covariance, "pixel_covariance", (-1, 2, 2))
+    return np.asarray(np.einsum("pivk,vtpkl,pjvl->tpij", jacobian, covariance, jacobian, optimize=True))
+
+
+def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
+    """Change of the displacement gain matrix with every camera parameter.
+
+    A true small displacement ``d`` moves the pixels by ``P d``; with wrong camera parameters it is measured as
+    ``M d``, where ``M = J P`` is the identity for right ones. This is the derivative of ``M``.
+
+    Parameters
+    ----------
+    points2d
+        Shape (V, P, 2) [px].
+
+    Returns
+    -------
+    sensitivity
+        Shape (P, 10 V, 3, 3), first camera's frame; parameters in the order of the rig's covariance.
+    """
+    u = as_float_array(points2d, "points2d", (len(rig), None, 2))
+    points = u.shape[1]
+    projection = _projection_jacobian(triangulate(u, rig), rig)
+    size = len(CAMERA_PARAMETERS)
+    lengths = np.full(3, 1e-4 * max(rig.baseline(), 1e-12))
+    steps = np.tile(np.concatenate([_PARAMETER_STEP, lengths]), len(rig))
+    sensitivity = np.empty((points, size * len(rig), 3, 3))
+    for index, step in enumerate(steps):
+        delta = np.zeros(size * len(rig))
+        delta[index] = step
+        change = triangulation_jacobian(u, rig.perturbed(delta)) - triangulation_jacobian(u, rig.perturbed(-delta))
+        sensitivity[:, index] = np.einsum("pivk,pvkj->pij", change / (2 * step), projection)
+    return sensitivity
+
+
+def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Standard deviation of the gain from motion along one axis to measured displacement along another.
+
+    Parameters
+    ----------
+    sensitivity
+        Shape (P, 10 V, 3, 3), of `compute_gain_sensitivity`.
+    rotation
+        ``structure_from_cam1`` or the identity, shape (3, 3): the axes of the result.
+    covariance
+        Shape (10 V + 3, 10 V + 3): camera parameters, then a small rotation vector of the axes [rad].
+
+    Returns
+    -------
+    gain_std
+        Shape (P, 3, 3) [1]: element (a, b) is the relative error of axis ``a`` from motion along axis ``b``; the
+        diagonal is the standard deviation of the scale of each axis, the rest is leakage between axes.
+    """
+    turned = np.einsum("ai,pnij,bj->pnab", rotation, sensitivity, rotation)
+    # An error w of the rotation structure_from_cam1 turns a displacement d into d + w x d.
+    generators = np.zeros((3, 3, 3))
+    for axis, (row, column) in enumerate(((1, 2), (2, 0), (0, 1))):
+        generators[axis, row, column], generators[axis, column, row] = -1.0, 1.0
+    everything = np.concatenate([turned, np.broadcast_to(generators, (len(turned), 3, 3, 3))], axis=1)
+    variance = np.einsum("pnab,nm,pmab->pab", everything, covariance, everything, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _projection_jacobian(points3d: FloatArray, rig: Rig) -> FloatArray:
+    """Pixels moved a unit of displacement, shape (P, V, 2, 3) [px per length unit]."""
+    step = 1e-4 * np.linalg.norm(points3d, axis=-1, keepdims=True)
+    columns = []
+    for axis in range(3):
+        shift = step * np.eye(3)[axis]
+        moved = [c.project(points3d + shift) - c.project(points3d - shift) for c in rig.cameras]
+        columns.append(np.stack(moved, axis=1) / (2 * step[:, :, None]))
+    return np.stack(columns, axis=-1)

@@ -1,0 +1,58 @@
+"""Some views of a rig, with another one as the reference."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vfm_sdm.arrays import FloatArray
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
+
+__all__ = ["select_views"]
+
+
+def select_views(rig: Rig, names: Sequence[str]) -> Rig:
+    """The named views of a rig, the first of them the reference, with the covariance carried over.
+
+    Parameters
+    ----------
+    rig
+        Its poses may be given in any frame.
+    names
+        Views to keep, in the new order.
+
+    Raises
+    ------
+    CameraError
+        No view of the rig has one of the names, or a name repeats.
+
+    Notes
+    -----
+    With the new reference f, ``R' = R Rf^T`` and ``t' = t - R' tf``. The covariance goes through the derivative of
+    these at zero rotation vectors; the new reference has no uncertainty of pose.
+    """
+    moved = Rig.from_world(names, [rig.camera(name) for name in names], metric=rig.metric)
+    if rig.covariance is None:
+        return moved
+    size = len(CAMERA_PARAMETERS)
+    old = [rig.names.index(name) for name in names]
+    reference = rig.cameras[old[0]]
+    J = np.zeros((len(names), size, len(rig), size))
+    for new, index in enumerate(old):
+        J[new, :4, index, :4] = np.eye(4)
+        if new == 0:
+            continue
+        R = moved.cameras[new].rotation
+        arm = _cross_matrix(R @ reference.translation)
+        J[new, 4:7, index, 4:7] = np.eye(3)
+        J[new, 4:7, old[0], 4:7] = -R
+        J[new, 7:, index, 4:7] = arm
+        J[new, 7:, index, 7:] = np.eye(3)
+        J[new, 7:, old[0], 4:7] = -arm @ R
+        J[new, 7:, old[0], 7:] = -R
+    flat = J.reshape(size * len(names), size * len(rig))
+    return Rig(moved.names, moved.cameras, moved.metric, flat @ rig.covariance @ flat.T)
+
+
+def _cross_matrix(vector: FloatArray) -> FloatArray:
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
