@@ -1,0 +1,27 @@
+"""The measurement session: what was filmed, measured on site and wanted, and its file ``session.toml``."""
+
+from vfm_sdm.files import file_hash
+from vfm_sdm.session.exif import lens_from_exif
+from vfm_sdm.session.file import read_session, session_hash, write_session
+from vfm_sdm.session.model import Chessboard, Lens, Method, Point, Sensor, Session, View
+from vfm_sdm.session.site import Length, Level, Measured, Range, Site
+
+__all__ = [
+    "Chessboard",
+    "Length",
+    "Lens",
+    "Level",
+    "Measured",
+    "Method",
+    "Point",
+    "Range",
+    "Sensor",
+    "Session",
+    "Site",
+    "View",
+    "file_hash",
+    "lens_from_exif",
+    "read_session",
+    "session_hash",
+    "write_session",
+]

@@ -1,0 +1,102 @@
+"""What was measured on site: lengths and levels, each with its standard deviation; and what all tables share."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
+
+__all__ = ["Entry", "Length", "Level", "Measured", "Name", "Number", "Positive", "Range", "Site"]
+
+# Strict numbers, because pydantic would otherwise take "4.0" and true for numbers without a word.
+Number = Annotated[float, Strict()]
+Positive = Annotated[Number, Field(gt=0)]
+Name = Annotated[str, Field(min_length=1)]
+
+
+class Entry(BaseModel):
+    """A table of the session file: frozen, and unknown keys are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Measured(Entry):
+    """A length measured on site with its standard deviation [m]."""
+
+    value: Annotated[Number, Field(ge=0)]
+    std: Positive
+
+
+def _not_zero(length: Measured) -> Measured:
+    if length.value <= 0:
+        raise ValueError(f"expected a length > 0 m, got {length.value:g}; measure it again")
+    return length
+
+
+_Distance = Annotated[Measured, AfterValidator(_not_zero)]
+
+
+class Level(Entry):
+    """Inclination of a camera read from a spirit level.
+
+    Pitch is the inclination of the optical axis, positive when the camera looks upwards; roll is the rotation about
+    it, positive when the camera's right-hand side is lowered. ``value_deg`` stands for each that is not given.
+    """
+
+    value_deg: Number = 0.0
+    pitch_deg: Number | None = None
+    roll_deg: Number | None = None
+    std_deg: Positive
+
+    @property
+    def pitch(self) -> float:
+        """Inclination of the optical axis, positive upwards [deg]."""
+        return self.value_deg if self.pitch_deg is None else self.pitch_deg
+
+    @property
+    def roll(self) -> float:
+        """Rotation about the optical axis, positive with the right-hand side lowered [deg]."""
+        return self.value_deg if self.roll_deg is None else self.roll_deg
+
+
+class Range(Entry):
+    """Distance from a camera's optical centre to a point [m]; the reference view's camera when none is named."""
+
+    point: Name
+    view: Name | None = None
+    value: Positive
+    std: Positive
+
+
+class Length(Entry):
+    """Distance between two points [m]."""
+
+    points: tuple[Name, Name]
+    value: Positive
+    std: Positive
+
+
+class Site(Entry):
+    """What a tape measure, a laser or the drawings gave."""
+
+    baseline: _Distance | None = None
+    """Between the optical centres of the first two views."""
+    perpendicular_distance: _Distance | None = None
+    """From the reference camera to the structure's face, at a right angle to it."""
+    longitudinal_distance: Measured | None = None
+    """Along the structure, from the foot of that perpendicular to the centre of the reference view."""
+    structure_side: Literal["right", "left"] = "right"
+    """Side of the reference camera on which the structure's face lies, for an observer looking where it looks."""
+    face_offset_std: Positive = 0.1
+    """How far points may lie off the face whose distance was measured, standard deviation [m]."""
+    reference_camera_level: Level | None = None
+    range: tuple[Range, ...] = ()
+    length: tuple[Length, ...] = ()
+
+    @model_validator(mode="after")
+    def _both_distances(self) -> Self:
+        if (self.perpendicular_distance is None) != (self.longitudinal_distance is None):
+            missing = "longitudinal" if self.longitudinal_distance is None else "perpendicular"
+            raise ValueError(
+                f"expected both distances or neither, got no {missing}_distance; "
+                "add it, or remove the other and measure in the camera's axes"
+            )
+        return self
