@@ -21,9 +21,7 @@ def looking_at(center: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def intrinsics(focal: float, size: tuple[int, int] = SIZE, offset: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-    return np.array(
-        [[focal, 0, (size[0] - 1) / 2 + offset[0]], [0, focal, (size[1] - 1) / 2 + offset[1]], [0, 0, 1.0]]
-    )
+    return np.array([[focal, 0, (size[0] - 1) / 2 + offset[0]], [0, focal, (size[1] - 1) / 2 + offset[1]], [0, 0, 1.0]])
 
 
 def simple_rig(views: int = 2, *, distortion: bool = False) -> Rig:

@@ -57,8 +57,8 @@ def compute_view_angle(perpendicular_m: float, longitudinal_m: float) -> float:
     """
     if not (perpendicular_m > 0 and longitudinal_m >= 0):
         raise CameraError(
-            f"distances: expected perpendicular > 0 and longitudinal >= 0, got {perpendicular_m} and {longitudinal_m} m; "
-            "measure both from the reference camera"
+            f"distances: expected perpendicular > 0 and longitudinal >= 0, got {perpendicular_m} and "
+            f"{longitudinal_m} m; measure both from the reference camera"
         )
     return float(np.arctan2(perpendicular_m, longitudinal_m))
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from simulation import gain_error, project_all, simple_rig
 
+from simulation import gain_error, project_all, simple_rig
 from vfm_sdm.geometry.propagation import (
     compute_gain_sensitivity,
     compute_gain_std,

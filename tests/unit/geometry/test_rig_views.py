@@ -27,7 +27,7 @@ def test_same_views_give_the_same_rig():
 def test_covariance_follows_the_new_reference():
     # The derivative used against finite differences of the move itself.
     rig = with_covariance(make_rig(3))
-    names = ("third", "left")
+    names = ("third", "right", "left")
     step = 1e-6
 
     def parameters(delta):

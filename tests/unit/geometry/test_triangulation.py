@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from simulation import project_all, scene_points, simple_rig
 
+from simulation import project_all, scene_points, simple_rig
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import compute_reprojection_error, in_front_of_all, sampson_error, triangulate
