@@ -1,4 +1,4 @@
-"""Tracks and cameras to displacement in millimetres along the structure's axes (sections Triangulation, Overall pipeline)."""
+"""Tracks and cameras to displacement in millimetres along the structure's axes (paper, section Triangulation)."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,8 +18,9 @@ from vfm_sdm.geometry.propagation import (
 )
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import compute_reprojection_error, in_front_of_all, triangulate
+from vfm_sdm.tracking.template import planar_displacement
 
-__all__ = ["compute_displacement"]
+__all__ = ["compute_displacement", "compute_planar_displacement"]
 
 _MM_PER_M = 1e3
 
@@ -113,6 +114,39 @@ def compute_displacement(
     return displacement.assign_coords(motion_axis=list(axes))
 
 
+def compute_planar_displacement(tracks: xr.Dataset, *, mm_per_px: float, scale_std: float) -> xr.Dataset:
+    """Displacement in the image plane of a single view, in the layout of every displacement dataset.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of one view.
+    mm_per_px
+        Scale factor of a known length beside the points, see `vfm_sdm.tracking.template.scale_factor`.
+    scale_std
+        Relative standard deviation of that factor [1].
+
+    Notes
+    -----
+    The paper's monocular baseline: right only for motion parallel to the image plane at the distance of the known
+    length. Positions in space and reprojection errors are NaN, because one view does not know them.
+    """
+    planar = planar_displacement(tracks, mm_per_px)
+    frames, points, axes = planar["displacement"].shape
+    return make_displacement(
+        planar["time"].values,
+        [str(p) for p in planar["point"].values],
+        [str(a) for a in planar["axis"].values],
+        displacement_mm=planar["displacement"].values,
+        displacement_std_mm=planar["displacement_std"].values,
+        scale_std=np.full((points, axes), scale_std),
+        position_m=np.full((frames, points, axes), np.nan),
+        reprojection_error_px=np.full((frames, points), np.nan),
+        status=planar["status"].values,
+        attrs={"frame": "image plane", "mm_per_px": mm_per_px, "relative_to": "first valid sample"},
+    )
+
+
 def _combined_status(status: np.ndarray[Any, np.dtype[np.int8]], behind: BoolArray) -> np.ndarray[Any, Any]:
     """The worst status over the views, (V, T, P) to (T, P): missing before unreliable before ok."""
     severity = np.array([0, 2, 3, 1])
@@ -129,8 +163,8 @@ def _reference_position(
     still = (time_s >= still_interval_s[0]) & (time_s <= still_interval_s[1])
     if not still.any():
         raise DatasetError(
-            f"still interval: expected frames between {still_interval_s[0]} and {still_interval_s[1]} s, got a recording "
-            f"from {time_s[0]:.3f} to {time_s[-1]:.3f} s; correct method.still_interval_s"
+            f"still interval: expected frames between {still_interval_s[0]} and {still_interval_s[1]} s, got a "
+            f"recording from {time_s[0]:.3f} to {time_s[-1]:.3f} s; correct method.still_interval_s"
         )
     usable = (valid & still[:, None])[..., None]
     count = usable.sum(axis=0)

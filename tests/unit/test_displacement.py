@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import xarray as xr
-from simulation import project_all, simple_rig
 
+from simulation import project_all, simple_rig
 from vfm_sdm.datasets import Status, make_tracks
 from vfm_sdm.displacement import compute_displacement
 from vfm_sdm.errors import DatasetError

@@ -1,0 +1,338 @@
+"""One measurement in one run folder: stages timed, their products written, and reused while inputs are the same."""
+
+import hashlib
+import json
+import platform
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from glob import glob
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.arrays import LumaArray
+from vfm_sdm.cameras.base import find_estimator
+from vfm_sdm.cameras.solution import CameraSolution, read_solution, write_solution
+from vfm_sdm.errors import BackendUnavailableError, ResultsError
+from vfm_sdm.pipeline import Progress, displacement_of, open_views, solve_cameras, track_views
+from vfm_sdm.plots import save_figures
+from vfm_sdm.results import (
+    read_tracks,
+    summarize_displacement,
+    write_displacement,
+    write_summary,
+    write_tracks,
+)
+from vfm_sdm.session import Session, file_hash, session_hash, write_session
+from vfm_sdm.tracking.base import Tracker, find_tracker
+from vfm_sdm.video import Video
+
+__all__ = ["Measurement", "Run", "measure"]
+
+_CLEAN_BITS_PER_PIXEL = 1.0
+"""Above this H.264 keeps the noise of the sensor, and errors are as stated (docs/performance.md)."""
+_PACKAGES = ("vfm-sdm", "numpy", "scipy", "xarray", "av", "opencv-python-headless", "numba", "poselib")
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What `measure` yields.
+
+    Parameters
+    ----------
+    session
+        What was measured, resolved.
+    cameras
+        Cameras, axes, points.
+    tracks
+        Tracks by view, each on its own clock.
+    displacement
+        Displacement dataset; ``None`` where no cameras could be found (``cameras.status`` says why).
+    summary
+        As written to ``summary.json``.
+    """
+
+    session: Session
+    cameras: CameraSolution
+    tracks: Mapping[str, xr.Dataset]
+    displacement: xr.Dataset | None
+    summary: Mapping[str, Any]
+
+
+@dataclass
+class Run:
+    """The stages of one session, in a folder or in memory.
+
+    Parameters
+    ----------
+    session
+        What to measure.
+    folder
+        Run folder; ``None`` keeps everything in memory.
+    progress
+        See `vfm_sdm.pipeline.Progress`.
+    """
+
+    session: Session
+    folder: Path | None = None
+    progress: Progress | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+    reused: list[str] = field(default_factory=list)
+    _videos: dict[str, Video] = field(default_factory=dict)
+    _hashes: dict[str, str] = field(default_factory=dict)
+    _frames: dict[str, LumaArray] = field(default_factory=dict)
+
+    def check_method(self) -> None:
+        """Looks every back end up before any work is done.
+
+        Raises
+        ------
+        BackendUnavailableError
+            One of them is unknown or cannot run here.
+        """
+        find_estimator(self.session.method.cameras)
+        self._tracker()
+        if self.session.method.refinement != "none":
+            raise BackendUnavailableError(
+                f"refinement: expected 'none', got {self.session.method.refinement!r}, which this version does not "
+                'have yet; set method.refinement = "none"'
+            )
+
+    @property
+    def videos(self) -> dict[str, Video]:
+        """The recordings, opened once."""
+        if not self._videos:
+            self._videos = open_views(self.session)
+        return self._videos
+
+    @property
+    def input_hashes(self) -> dict[str, str]:
+        """SHA-256 of every input file, by its path as the session names it."""
+        if not self._hashes:
+            with self._timed("hashing inputs"):
+                self._hashes = {name: file_hash(path) for name, path in _input_files(self.session)}
+        return self._hashes
+
+    @property
+    def frames(self) -> dict[str, LumaArray]:
+        """First frame of every view."""
+        if not self._frames:
+            self._frames = {view: video.first_frame().luma.copy() for view, video in self.videos.items()}
+        return self._frames
+
+    def cameras(self) -> CameraSolution:
+        """Cameras, axes and points, written to ``cameras.toml``."""
+        key = self._key("view", "site", "point", "chessboard", "method.cameras", "method.subset_px")
+        path = self._path("cameras.toml")
+        if path is not None and path.exists():
+            solution, found = read_solution(path)
+            if found == key:
+                self.reused.append("cameras")
+                return solution
+        with self._timed("cameras"):
+            self._say("cameras", 0, None)
+            solution = solve_cameras(self.session, self.frames)
+        if path is not None:
+            write_solution(path, solution, key=key)
+        return solution
+
+    def tracks(self, cameras: CameraSolution) -> dict[str, xr.Dataset]:
+        """Tracks of every view, written to ``tracks.nc``."""
+        # Not the whole view: a better lens prior must not cost another pass over the recordings.
+        sources = [[v.name, str(v.video), v.images, v.fps] for v in self.session.view]
+        pixels = json.dumps([sources, {v: dict(p) for v, p in cameras.points.items()}], sort_keys=True)
+        key = self._key("method.tracker", "method.subset_px", extra=pixels)
+        path = self._path("tracks.nc")
+        if path is not None and path.exists():
+            tracks = read_tracks(path)
+            if all(t.attrs.get("key") == key for t in tracks.values()) and list(tracks) == list(self.videos):
+                self.reused.append("tracking")
+                return tracks
+        tracker = self._tracker()
+        with self._timed("tracking"):
+            tracks = track_views(self.videos, cameras.points, tracker, progress=self.progress)
+        for view, video in self.videos.items():
+            tracks[view].attrs.update({f"decode_{k}": v for k, v in asdict(video.report).items()}, key=key)
+            tracks[view].attrs["decode_bits_per_pixel"] = self._bits_per_pixel(view)
+        if path is not None:
+            write_tracks(path.parent, tracks)
+        return tracks
+
+    def displacement(self, cameras: CameraSolution, tracks: Mapping[str, xr.Dataset]) -> xr.Dataset | None:
+        """Displacement, written to ``displacement.nc`` and ``displacement.csv``; ``None`` without cameras or scale."""
+        with self._timed("displacement"):
+            displacement = displacement_of(self.session, tracks, cameras)
+        if displacement is None:
+            return None
+        displacement.attrs.update(session_hash=session_hash(self.session), versions=json.dumps(versions()))
+        if self.folder is not None:
+            write_displacement(self.folder, displacement)
+        return displacement
+
+    def figures(
+        self, cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset
+    ) -> list[Path]:
+        """The pictures of the run, in ``figures/``."""
+        if self.folder is None:
+            return []
+        with self._timed("figures"):
+            self._say("figures", 0, None)
+            points = {view: np.array(list(named.values())) for view, named in cameras.points.items()}
+            return save_figures(self.folder, tracks, displacement, self.frames, points)
+
+    def summary(
+        self, cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset | None
+    ) -> dict[str, Any]:
+        """Everything a reviewer asks for, written to ``summary.json``."""
+        summary = {
+            "name": self.session.name,
+            "status": cameras.status,
+            "notes": [*cameras.notes, *_recording_notes(tracks)],
+            "points": {} if displacement is None else summarize_displacement(displacement),
+            "frame": None if displacement is None else displacement.attrs["frame"],
+            "cameras": {
+                "epipolar_rms_px": cameras.epipolar_rms_px,
+                "quantities": [{**asdict(q), "determined": q.determined} for q in cameras.quantities],
+                "point_status": {v: dict(p) for v, p in cameras.point_status.items()},
+            },
+            "recordings": {view: _recording(t) for view, t in tracks.items()},
+            "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
+            "reused_stages": list(self.reused),
+            "versions": versions(),
+            "session_hash": session_hash(self.session),
+            "input_hashes": self.input_hashes,
+        }
+        if self.folder is not None:
+            write_summary(self.folder, summary)
+        return summary
+
+    def _bits_per_pixel(self, view: str) -> float:
+        """Size of a video's file over the pixels it holds; NaN for images."""
+        source = next(v.video for v in self.session.view if v.name == view)
+        video = self.videos[view]
+        pixels = video.info.width * video.info.height * max(video.report.frames, 1)
+        return float("nan") if source is None else 8 * self.session.resolve(source).stat().st_size / pixels
+
+    def _tracker(self) -> Tracker:
+        return find_tracker(self.session.method.tracker, subset_px=self.session.method.subset_px)
+
+    def _key(self, *parts: str, extra: str = "") -> str:
+        """Hash of those parts of the session, and of the input files, that a stage depends on."""
+        fields = self.session.model_dump(mode="json")
+        chosen = {part: _dig(fields, part) for part in parts}
+        text = json.dumps([chosen, self.input_hashes, extra, version("vfm-sdm")], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def _path(self, name: str) -> Path | None:
+        return None if self.folder is None else self.folder / name
+
+    def _say(self, what: str, done: int, total: int | None) -> None:
+        if self.progress is not None:
+            self.progress(what, done, total)
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = time.perf_counter() - start
+
+
+def measure(session: Session, folder: Path | str | None = None, *, progress: Progress | None = None) -> Measurement:
+    """The whole way from recordings to displacement.
+
+    Parameters
+    ----------
+    session
+        What to measure.
+    folder
+        Run folder to write to; finished stages in it are reused unless their inputs changed. ``None`` keeps the
+        results in memory only.
+    progress
+        Called with what is being done.
+
+    Raises
+    ------
+    VfmSdmError
+        Something in the session or its files cannot be used; see the subclasses.
+    """
+    run = Run(session, None if folder is None else Path(folder), progress)
+    run.check_method()
+    if run.folder is not None:
+        _prepare_folder(run.folder)
+        write_session(run.folder / "session.resolved.toml", session)
+    cameras = run.cameras()
+    tracks = run.tracks(cameras)
+    displacement = run.displacement(cameras, tracks)
+    if displacement is not None:
+        run.figures(cameras, tracks, displacement)
+    return Measurement(session, cameras, tracks, displacement, run.summary(cameras, tracks, displacement))
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
+
+
+def _prepare_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResultsError(
+            f"{folder}: expected a folder to write to, got {error.strerror}; choose another -o"
+        ) from error
+
+
+def _input_files(session: Session) -> Iterator[tuple[str, Path]]:
+    for view in session.view:
+        if view.video is not None:
+            yield str(view.video), session.resolve(view.video)
+        else:
+            yield from _pattern_files(session, view.name, str(view.images))
+        if view.camera is not None:
+            yield str(view.camera), session.resolve(view.camera)
+    board = session.chessboard
+    if board is not None and board.corners is not None:
+        yield str(board.corners), session.resolve(board.corners)
+    for name, pattern in (board.images or {} if board is not None else {}).items():
+        yield from _pattern_files(session, f"chessboard {name}", pattern)
+
+
+def _pattern_files(session: Session, label: str, pattern: str) -> Iterator[tuple[str, Path]]:
+    for path in sorted(glob(session.resolve_pattern(pattern))):
+        yield f"{label}: {Path(path).name}", Path(path)
+
+
+def _dig(fields: Mapping[str, Any], dotted: str) -> Any:
+    value: Any = fields
+    for part in dotted.split("."):
+        value = value[part]
+    return value
+
+
+def _recording(tracks: xr.Dataset) -> dict[str, Any]:
+    attrs = tracks.attrs
+    named = {k.removeprefix("decode_"): v for k, v in attrs.items() if k.startswith("decode_")}
+    return {"width": attrs.get("image_width"), "height": attrs.get("image_height"), **named}
+
+
+def _recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
+    """What a user must know about the recordings: ended early, frames missing or repeated."""
+    notes = []
+    for view, of_view in tracks.items():
+        record = _recording(of_view)
+        if record.get("status", "ok") != "ok":
+            notes.append(f"view {view!r}: {record['status']}: {record.get('message', '')}")
+        if record.get("bits_per_pixel", np.nan) < _CLEAN_BITS_PER_PIXEL:
+            notes.append(
+                f"view {view!r}: compressed to {record['bits_per_pixel']:.2f} bits a pixel: errors of the compression, "
+                "some hundredths of a pixel, are not part of the random standard deviation"
+            )
+        for what in ("dropped", "duplicated"):
+            if record.get(what, 0):
+                notes.append(f"view {view!r}: {record[what]} {what} frames of {record['frames']}")
+    return notes

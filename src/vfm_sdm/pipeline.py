@@ -1,0 +1,274 @@
+"""The whole way of one measurement, in the order of the paper's Figures 3 and 4.
+
+`solve_cameras` (B in Figure 4), `track_views` (A), `displacement_of` (C); `vfm_sdm.measurement` runs them in a folder.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.arrays import FloatArray, LumaArray
+from vfm_sdm.cameras.base import CameraEstimate, Matches, find_estimator
+from vfm_sdm.cameras.features import match_features
+from vfm_sdm.cameras.site import adjust_to_site
+from vfm_sdm.cameras.solution import CameraSolution
+from vfm_sdm.datasets import Status, make_tracks
+from vfm_sdm.displacement import compute_displacement, compute_planar_displacement
+from vfm_sdm.errors import SessionError
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
+from vfm_sdm.geometry.triangulation import sampson_error
+from vfm_sdm.session import Session
+from vfm_sdm.synchronize import align_views
+from vfm_sdm.tracking.base import Tracker
+from vfm_sdm.tracking.correspondence import OK, find_correspondences
+from vfm_sdm.tracking.template import scale_factor
+from vfm_sdm.video import Video, open_images, open_video
+
+__all__ = ["ONE_VIEW", "Progress", "displacement_of", "open_views", "solve_cameras", "track_views"]
+
+Progress = Callable[[str, int, int | None], None]
+"""Called with what is being done, the steps done and the steps in all (None when unknown)."""
+
+ONE_VIEW = "one view: motion in the image plane only"
+
+_NAMED_PIXEL_STD = 0.5
+"""How well a user points at the end of a length [px]."""
+_EPIPOLAR_BAND = 5e-3
+"""Matches within this share of the image width from a known rig's epipolar lines help to find points."""
+
+
+def open_views(session: Session) -> dict[str, Video]:
+    """The recordings of all views by name, in the session's order.
+
+    Raises
+    ------
+    VideoError
+        A file is missing or holds no frame.
+    """
+    videos = {}
+    for view in session.view:
+        if view.video is not None:
+            videos[view.name] = open_video(session.resolve(view.video))
+        else:
+            videos[view.name] = open_images(session.resolve_pattern(str(view.images)), float(view.fps or 0.0))
+    return videos
+
+
+def solve_cameras(session: Session, frames: Mapping[str, LumaArray]) -> CameraSolution:
+    """Cameras, structural axes and the points' pixels in every view, from the first frames and the site's lengths.
+
+    Parameters
+    ----------
+    session
+        Settings and everything measured on site.
+    frames
+        First frame of every view by name, in the session's order.
+
+    Raises
+    ------
+    SessionError
+        A point lies outside its view's image.
+    CameraError, BackendUnavailableError
+        The settings of the camera estimator do not suffice.
+    """
+    _check_points(session, frames)
+    if len(frames) == 1:
+        view = next(iter(frames))
+        named_here = {view: {p.name: p.pixel for p in session.point}}
+        return CameraSolution(
+            None, None, None, named_here, {view: {p.name: OK for p in session.point}}, status=ONE_VIEW
+        )
+    estimate = find_estimator(session.method.cameras).estimate(session, frames)
+    if estimate.rig is None:
+        named = {
+            view: {p.name: (p.pixel if p.view == view else (np.nan, np.nan)) for p in session.point} for view in frames
+        }
+        return CameraSolution(None, None, None, named, {}, status=estimate.status, notes=estimate.notes)
+    pixels, states = _carry_points(session, frames, estimate.rig, _matches_for_points(estimate, frames))
+    seen = {name: pixels[name] for name in pixels if np.isfinite(pixels[name]).all()}
+    # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
+    known = estimate.rig.covariance is not None
+    size = len(CAMERA_PARAMETERS) * len(estimate.rig)
+    prior = estimate.rig if known else replace(estimate.rig, covariance=np.zeros((size, size)))
+    adjusted = adjust_to_site(
+        prior,
+        estimate.matches,
+        session.site,
+        seen,
+        face_points=frozenset(p.name for p in session.point if not p.static and p.name in seen),
+        levels={
+            v.name: (np.radians(v.level.pitch), np.radians(v.level.roll), np.radians(v.level.std_deg))
+            for v in session.view[1:]
+            if v.level is not None
+        },
+    )
+    notes = [*estimate.notes, *adjusted.notes]
+    notes += [] if known else ["the camera file states no covariance: the scale has no stated uncertainty"]
+    notes += [
+        f"point {name!r}, view {view!r}: {why}"
+        for name, per in states.items()
+        for view, why in per.items()
+        if why != OK
+    ]
+    names = list(frames)
+    return CameraSolution(
+        adjusted.rig if known else replace(adjusted.rig, covariance=None),
+        adjusted.frame,
+        adjusted.covariance if known else None,
+        {view: {p: (float(u[i, 0]), float(u[i, 1])) for p, u in pixels.items()} for i, view in enumerate(names)},
+        {view: {p: states[p].get(view, OK) for p in pixels} for view in names},
+        quantities=adjusted.quantities,
+        status=adjusted.status if estimate.status == "ok" else estimate.status,
+        notes=tuple(notes),
+        epipolar_rms_px=adjusted.epipolar_rms_px,
+    )
+
+
+def track_views(
+    videos: Mapping[str, Video],
+    points: Mapping[str, Mapping[str, tuple[float, float]]],
+    tracker: Tracker,
+    *,
+    progress: Progress | None = None,
+) -> dict[str, xr.Dataset]:
+    """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
+
+    Parameters
+    ----------
+    videos
+        Recordings by view.
+    points
+        By view and point name: pixel in the first frame, NaN where unknown.
+    tracker
+        What follows them.
+    """
+    tracks = {}
+    for view, video in videos.items():
+        names = list(points[view])
+        positions = np.array([points[view][name] for name in names], dtype=np.float64).reshape(-1, 2)
+        known = np.asarray(np.isfinite(positions).all(axis=1))
+        count = video.info.frame_count
+        step = None if progress is None else lambda done, v=view, n=count: progress(f"tracking {v}", done, n)
+        found = tracker.track(
+            video, positions[known], names=[n for n, k in zip(names, known, strict=True) if k], progress=step
+        )
+        found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
+        tracks[view] = found if known.all() else _with_lost_points(found, names)
+    return tracks
+
+
+def displacement_of(
+    session: Session, tracks: Mapping[str, xr.Dataset], solution: CameraSolution
+) -> xr.Dataset | None:
+    """Displacement dataset from tracks of all views and the cameras.
+
+    A single view gives motion in the image plane if a length between two of its points is known. ``None`` where there
+    is neither a rig nor such a length; the status of the solution says why.
+    """
+    if solution.rig is None and len(session.view) == 1 and session.site.length:
+        return _planar_displacement(session, tracks[session.view[0].name])
+    if solution.rig is None:
+        return None
+    offsets = {view.name: view.time_offset_s for view in session.view}
+    return compute_displacement(
+        align_views(tracks, offsets),
+        solution.rig,
+        frame=solution.frame,
+        covariance=solution.covariance,
+        still_interval_s=session.method.still_interval_s,
+        attrs={"camera_status": solution.status, "tracker": session.method.tracker, "cameras": session.method.cameras},
+    )
+
+
+def _planar_displacement(session: Session, tracks: xr.Dataset) -> xr.Dataset:
+    """The monocular baseline: a known length between two points of the view sets millimetres a pixel."""
+    length = session.site.length[0]
+    ends = [np.array(p.pixel) for name in length.points for p in session.point if p.name == name]
+    factor = scale_factor(ends[0], ends[1], length.value * 1e3)
+    picked = _NAMED_PIXEL_STD * np.sqrt(2) / np.linalg.norm(ends[0] - ends[1])
+    return compute_planar_displacement(
+        tracks, mm_per_px=factor, scale_std=float(np.hypot(length.std / length.value, picked))
+    )
+
+
+def _check_points(session: Session, frames: Mapping[str, LumaArray]) -> None:
+    faults = []
+    for point in session.point:
+        for view, (u, v) in {point.view: point.pixel, **point.pixel_in}.items():
+            height, width = frames[view].shape
+            if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
+                faults.append(
+                    f"{point.name!r} in view {view!r}: expected inside {width} x {height}, got ({u:g}, {v:g})"
+                )
+    if faults:
+        raise SessionError("points: " + "; ".join(faults) + "; correct their pixels")
+
+
+def _matches_for_points(estimate: CameraEstimate, frames: Mapping[str, LumaArray]) -> tuple[Matches, ...]:
+    """Matches of every view with the reference; looked for where the estimator did not need any."""
+    rig = estimate.rig
+    if estimate.matches or rig is None:
+        return estimate.matches
+    images = list(frames.values())
+    found = []
+    for index in range(1, len(images)):
+        first, second = match_features(images[0], images[index])
+        near = np.abs(sampson_error(first, second, rig, second=index)) < _EPIPOLAR_BAND * images[0].shape[1]
+        found.append(Matches(0, index, first[near], second[near]))
+    return tuple(found)
+
+
+def _carry_points(
+    session: Session, frames: Mapping[str, LumaArray], rig: Rig, matches: tuple[Matches, ...]
+) -> tuple[dict[str, FloatArray], dict[str, dict[str, str]]]:
+    """Pixels of every point in every view, (V, 2) by name, and by name and view why one is missing."""
+    views = list(frames)
+    pixels = {p.name: np.full((len(views), 2), np.nan) for p in session.point}
+    states: dict[str, dict[str, str]] = {p.name: {} for p in session.point}
+    for source, source_view in enumerate(views):
+        named = [p for p in session.point if p.view == source_view]
+        for p in named:
+            pixels[p.name][source] = p.pixel
+        for target, target_view in enumerate(views):
+            if target == source or not named:
+                continue
+            found = find_correspondences(
+                (frames[source_view], frames[target_view]),
+                np.array([p.pixel for p in named]),
+                rig,
+                matches=_pair(matches, source, target),
+                subset_px=session.method.subset_px,
+                given={i: np.array(p.pixel_in[target_view]) for i, p in enumerate(named) if target_view in p.pixel_in},
+            )
+            for p, position, state in zip(named, found.points2d, found.status, strict=True):
+                pixels[p.name][target] = position
+                states[p.name][target_view] = state
+    return pixels, states
+
+
+def _pair(matches: tuple[Matches, ...], first: int, second: int) -> Matches:
+    """The matches between two views in this order; empty when there are none."""
+    for m in matches:
+        if (m.first, m.second) == (first, second):
+            return m
+        if (m.first, m.second) == (second, first):
+            return Matches(first, second, m.points_second, m.points_first)
+    return Matches(first, second, np.empty((0, 2)), np.empty((0, 2)))
+
+
+def _with_lost_points(tracks: xr.Dataset, names: list[str]) -> xr.Dataset:
+    """The tracks with rows of NaN and status lost for the points that were not tracked, in the order of ``names``."""
+    full = make_tracks(
+        tracks["time"].values,
+        names,
+        np.full((tracks.sizes["time"], len(names), 2), np.nan),
+        np.full((tracks.sizes["time"], len(names), 2, 2), np.nan),
+        np.full((tracks.sizes["time"], len(names)), Status.LOST),
+        attrs=tracks.attrs,
+    )
+    rows = [names.index(str(p)) for p in tracks["point"].values]
+    for name in ("position", "position_covariance", "status"):
+        full[name].values[:, rows] = tracks[name].values
+    return full

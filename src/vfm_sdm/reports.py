@@ -1,0 +1,137 @@
+"""What a command prints: short tables that can be read on a windy bank."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+from rich import box
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from vfm_sdm.cameras.solution import CameraSolution
+from vfm_sdm.datasets import STATUS_MEANINGS, Status
+from vfm_sdm.measurement import Measurement
+from vfm_sdm.results import summarize_displacement
+from vfm_sdm.tracking.correspondence import OK
+
+if TYPE_CHECKING:
+    from vfm_sdm.demo import DemoResult
+
+__all__ = ["camera_report", "displacement_table", "measurement_report", "track_table", "truth_table"]
+
+
+def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
+    """Cameras, displacement, recordings' faults and the time taken."""
+    yield from camera_report(measurement.cameras, notes=False)
+    if measurement.displacement is not None:
+        yield displacement_table(measurement.displacement)
+        if measurement.displacement.attrs["frame"] == "reference camera":
+            yield Text(
+                "Axes: those of the reference camera (right, down, forward). For lateral, vertical and longitudinal "
+                "measure site.perpendicular_distance and site.longitudinal_distance.",
+                style="yellow",
+            )
+    for note in measurement.summary["notes"]:
+        yield Text(f"note: {note}", style="yellow")
+    reused = measurement.summary["reused_stages"]
+    if reused:
+        yield Text(f"reused from the run folder: {', '.join(reused)}")
+    seconds = measurement.summary["seconds"]
+    yield Text("time: " + ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items()))
+
+
+def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[RenderableType]:
+    """Status, adjusted quantities beside what was known before, and points that were not found."""
+    style = "green" if solution.status == "ok" else "red"
+    yield Text(f"cameras: {solution.status}", style=style)
+    table = Table(title="Adjustment to the site", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("quantity", "before", "std", "adjusted", "std", "unit"):
+        table.add_column(Text(name), justify="left" if name in ("quantity", "unit") else "right")
+    for q in solution.quantities:
+        digits = max(0, 1 - int(np.floor(np.log10(min(q.std, q.prior_std))))) if min(q.std, q.prior_std) > 0 else 3
+        values = tuple(f"{value:.{digits}f}" for value in (q.prior, q.prior_std, q.value, q.std))
+        table.add_row(q.name, *values, q.units, style="red" if q.deviation > 3 else None)
+    if solution.quantities:
+        yield table
+    for view, named in solution.point_status.items():
+        for point, state in named.items():
+            if state != OK and not notes:
+                yield Text(f"point {point!r} in view {view!r}: {state}", style="red")
+    if notes:
+        for note in solution.notes:
+            yield Text(f"note: {note}", style="yellow")
+
+
+def displacement_table(displacement: xr.Dataset) -> Table:
+    """Peak-to-peak, its expanded uncertainty (k = 2), scale, frequency and valid share a point and axis."""
+    table = Table(
+        title=Text(f"Displacement in mm, axes of the {displacement.attrs['frame']}"),
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for name in (
+        "point",
+        "axis",
+        "p-p",
+        "+- k=2",
+        "random std",
+        "scale [%]",
+        "f [Hz]",
+        "valid [%]",
+    ):
+        table.add_column(Text(name), justify="left" if name in ("point", "axis") else "right", no_wrap=name == "axis")
+    for point, figures in summarize_displacement(displacement).items():
+        for number, (axis, values) in enumerate(figures["axes"].items()):
+            table.add_row(
+                point if number == 0 else "",
+                axis,
+                _number(values["peak_to_peak_mm"], "{:.2f}"),
+                _number(values["expanded_uncertainty_mm"], "{:.2f}"),
+                _number(values["random_std_mm"], "{:.3f}"),
+                _number(values["scale_std"], "{:.1f}", 100),
+                _number(values["dominant_frequency_hz"], "{:.2f}"),
+                _number(figures["coverage_valid"], "{:.0f}", 100),
+            )
+    return table
+
+
+def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
+    """Motion in pixels and frames by status, a view and point."""
+    table = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("view", "point", "range u [px]", "range v [px]", "median std [px]", *STATUS_MEANINGS[:4]):
+        table.add_column(Text(name), justify="left" if name in ("view", "point") else "right")
+    for view, of_view in tracks.items():
+        for point in of_view["point"].values:
+            one = of_view.sel(point=point)
+            position, status = one["position"].values, one["status"].values
+            found = np.isfinite(position).all(axis=1)
+            span = np.ptp(position[found], axis=0) if found.any() else np.full(2, np.nan)
+            variance = np.einsum("tii->t", one["position_covariance"].values)[found] / 2
+            std = float(np.sqrt(np.median(variance))) if found.any() else float("nan")
+            counts = [str(int((status == code).sum())) for code in range(Status.UNRELIABLE + 1)]
+            table.add_row(view, str(point), f"{span[0]:.2f}", f"{span[1]:.2f}", f"{std:.4f}", *counts)
+    return table
+
+
+def truth_table(result: "DemoResult") -> Table:
+    """Measured against true displacement of the demo."""
+    table = Table(title="Measured against true", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("point", "axis", "true p-p [mm]", "measured [mm]", "RMS error [mm]", "gain"):
+        table.add_column(Text(name), justify="left" if name in ("point", "axis") else "right", no_wrap=name == "axis")
+    for row in result.rows:
+        table.add_row(
+            row.point,
+            row.axis,
+            f"{row.true_peak_to_peak_mm:.3f}",
+            f"{row.peak_to_peak_mm:.3f}",
+            f"{row.rms_error_mm:.3f}",
+            _number(row.gain, "{:.3f}"),
+        )
+    return table
+
+
+def _number(value: float | None, form: str, factor: float = 1.0) -> str:
+    return "-" if value is None or not np.isfinite(value) else form.format(value * factor)

@@ -1,0 +1,115 @@
+"""One suite over every tracker: what any of them promises, whatever its method."""
+
+import cv2
+import numpy as np
+import pytest
+
+from textures import WaveTexture
+from vfm_sdm.datasets import Status, check_tracks
+from vfm_sdm.errors import BackendUnavailableError, DatasetError
+from vfm_sdm.tracking.base import TRACKERS, find_tracker
+from vfm_sdm.video import open_images
+
+SHAPE = (220, 260)
+FRAMES = 12
+POINTS = np.array([[80.25, 90.5], [170.0, 120.75], [120.5, 150.0]])
+ACCURACY_PX = {"icgn": 0.01, "template": 0.06}
+"""Largest error on a clean texture; the template's resolution is 1/16 px."""
+
+
+def motion(frame):
+    return 2.5 * np.sin(2 * np.pi * frame / 9), 1.5 * np.cos(2 * np.pi * frame / 7) - 1.5
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("clip")
+    texture = WaveTexture(3)
+    for frame in range(FRAMES):
+        image = np.clip(np.rint(texture.image(SHAPE, motion(frame))), 0, 255).astype(np.uint8)
+        cv2.imwrite(str(folder / f"{frame:03}.png"), image)
+    return str(folder / "*.png")
+
+
+@pytest.fixture(params=sorted(TRACKERS))
+def tracker(request):
+    return find_tracker(request.param)
+
+
+def track(tracker, clip, points=POINTS, names=("a", "b", "c"), **options):
+    return tracker.track(open_images(clip, 30.0), points, names=list(names), **options)
+
+
+def test_follows_a_known_motion(tracker, clip):
+    tracks = check_tracks(track(tracker, clip))
+    true = POINTS + np.array([motion(i) for i in range(FRAMES)])[:, None]
+    assert np.abs(tracks["position"].values - true).max() <= ACCURACY_PX[tracker.name]
+    assert (tracks["status"].values == Status.OK).all()
+
+
+def test_says_what_it_is(tracker, clip):
+    tracks = track(tracker, clip)
+    assert tracks.attrs["tracker"] == tracker.name
+    assert list(tracks["point"].values) == ["a", "b", "c"]
+    np.testing.assert_allclose(tracks["time"].values, np.arange(FRAMES) / 30, atol=1e-9)
+
+
+def test_states_a_covariance_for_every_position(tracker, clip):
+    tracks = track(tracker, clip)
+    covariance = tracks["position_covariance"].values
+    found = np.isfinite(tracks["position"].values).all(axis=-1)
+    assert np.isfinite(covariance[found]).all()
+    assert (np.linalg.eigvalsh(covariance[found]) >= 0).all()
+    assert (np.einsum("tpii->tp", covariance)[1:] > 0).all()
+
+
+def test_is_deterministic(tracker, clip):
+    first, second = track(tracker, clip), track(tracker, clip)
+    np.testing.assert_array_equal(first["position"].values, second["position"].values)
+
+
+def test_points_do_not_influence_each_other(tracker, clip):
+    together = track(tracker, clip)["position"].values[:, 1]
+    alone = track(tracker, clip, POINTS[1:2], names=("b",))["position"].values[:, 0]
+    np.testing.assert_allclose(alone, together, atol=1e-9)
+
+
+def test_reference_frame_may_be_another_one(tracker, clip):
+    start = POINTS + np.array(motion(5))
+    tracks = track(tracker, clip, start, reference_frame=5)
+    true = POINTS + np.array([motion(i) for i in range(FRAMES)])[:, None]
+    assert np.abs(tracks["position"].values - true).max() <= ACCURACY_PX[tracker.name]
+
+
+def test_missing_is_nan_and_named(tracker, tmp_path):
+    """A texture that vanishes: no number may stand for it."""
+    texture = WaveTexture(4)
+    for frame in range(6):
+        image = texture.image(SHAPE) if frame < 3 else np.random.default_rng(frame).normal(128, 3, SHAPE)
+        cv2.imwrite(str(tmp_path / f"{frame}.png"), np.clip(np.rint(image), 0, 255).astype(np.uint8))
+    tracks = track(tracker, str(tmp_path / "*.png"))
+    assert (tracks["status"].values[:3] == Status.OK).all()
+    assert (tracks["status"].values[3:] == Status.LOST).all()
+    assert np.isnan(tracks["position"].values[3:]).all()
+
+
+def test_progress_counts_every_frame(tracker, clip):
+    seen = []
+    track(tracker, clip, progress=seen.append)
+    assert seen[-1] == FRAMES
+    assert seen == sorted(seen)
+
+
+def test_names_and_points_must_agree(tracker, clip):
+    with pytest.raises(DatasetError, match="expected"):
+        track(tracker, clip, names=("a", "b"))
+
+
+def test_points_outside_the_image_are_refused(tracker, clip):
+    with pytest.raises(DatasetError, match="expected"):
+        track(tracker, clip, np.array([[500.0, 20.0]]), names=("a",))
+
+
+def test_an_unknown_name_lists_the_known_ones():
+    with pytest.raises(BackendUnavailableError, match=r"expected one of \['icgn', 'template'\], got 'ignc'"):
+        find_tracker("ignc")
