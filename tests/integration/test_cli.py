@@ -61,7 +61,14 @@ def test_stages_one_by_one(command, session_file, tmp_path):
 def test_info(command):
     status, out, _ = command("info")
     assert status == 0
-    for expected in ("numpy", "icgn: can run", "two-view: can run", "h264: yes", "hevc: yes", "vision foundation models"):
+    for expected in (
+        "numpy",
+        "icgn: can run",
+        "two-view: can run",
+        "h264: yes",
+        "hevc: yes",
+        "vision foundation models",
+    ):
         assert expected in out
 
 

@@ -1,5 +1,7 @@
 """Feature matches between two images: SIFT, mutual nearest neighbours, ratio test."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import cv2
 import numpy as np
 
@@ -32,8 +34,8 @@ def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, Flo
     RootSIFT descriptors (Arandjelovic and Zisserman, CVPR 2012) compared by inner product; a match must be the best
     one in both directions and pass Lowe's ratio test.
     """
-    points_a, descriptors_a = _detect(first)
-    points_b, descriptors_b = _detect(second)
+    with ThreadPoolExecutor(2) as executor:
+        (points_a, descriptors_a), (points_b, descriptors_b) = executor.map(_detect, (first, second))
     if min(len(points_a), len(points_b)) < 2:
         return np.empty((0, 2)), np.empty((0, 2))
     similarity = descriptors_a @ descriptors_b.T

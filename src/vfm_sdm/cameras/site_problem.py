@@ -142,7 +142,7 @@ class SiteProblem:
                 ("distortion k1", "1", start.distortion[0], std[3], camera.distortion[0]),
             )
             values += [AdjustedValue(f"{what} {name}", unit, p, s, v) for what, unit, p, s, v in rows if s > 0]
-        values += self._measured(z, rig)
+        values += self._measured(z, rig, self._points3d(z, rig))
         extra = self._extra(z)
         for index, name in enumerate(("pitch reference camera", "roll reference camera")):
             prior, std = np.degrees([self._extra_prior[index], self._extra_std[index]])
@@ -204,14 +204,15 @@ class SiteProblem:
         part = z[self._rig_size : self._rig_size + self._extra_std.size]
         return np.asarray(self._extra_prior + self._extra_std * part)
 
-    def _point3d(self, name: str, z: FloatArray, rig: Rig) -> FloatArray:
-        """A named point in the reference camera's frame, its pixels moved by their error parameters."""
-        size = 2 * len(rig)
-        start = self._rig_size + self._extra_std.size + size * self._used.index(name)
-        shift = _POINT_STD_PX * z[start : start + size].reshape(-1, 2)
-        return triangulate(self._points[name] + shift, rig)
+    def _points3d(self, z: FloatArray, rig: Rig) -> dict[str, FloatArray]:
+        """The named points in the reference camera's frame, their pixels moved by their error parameters."""
+        if not self._used:
+            return {}
+        shift = _POINT_STD_PX * z[self._rig_size + self._extra_std.size :].reshape(len(self._used), len(rig), 2)
+        pixels = np.stack([self._points[name] for name in self._used]) + shift
+        return dict(zip(self._used, triangulate(pixels.swapaxes(0, 1), rig), strict=True))
 
-    def _measured(self, z: FloatArray, rig: Rig) -> list[AdjustedValue]:
+    def _measured(self, z: FloatArray, rig: Rig, points: Mapping[str, FloatArray]) -> list[AdjustedValue]:
         """Baseline, ranges, lengths and level readings beside what the parameters say."""
         values = []
         if self._site.baseline is not None:
@@ -219,10 +220,10 @@ class SiteProblem:
             values.append(AdjustedValue("baseline", "m", b.value, b.std, rig.baseline(), True))
         for r in self._site.range:
             view = r.view or rig.names[0]
-            distance = np.linalg.norm(self._point3d(r.point, z, rig) - rig.camera(view).center)
+            distance = np.linalg.norm(points[r.point] - rig.camera(view).center)
             values.append(AdjustedValue(f"range {view} to {r.point}", "m", r.value, r.std, float(distance), True))
         for s in self._site.length:
-            first, second = (self._point3d(name, z, rig) for name in s.points)
+            first, second = (points[name] for name in s.points)
             name = f"length {s.points[0]} to {s.points[1]}"
             values.append(AdjustedValue(name, "m", s.value, s.std, float(np.linalg.norm(first - second)), True))
         pitch, roll = self._extra(z)[:2]
@@ -238,16 +239,17 @@ class SiteProblem:
 
     def _length_residuals(self, z: FloatArray) -> FloatArray:
         rig = self.rig(z)
-        measured = [(q.value - q.prior) / q.prior_std for q in self._measured(z, rig)]
-        return np.concatenate([np.asarray(measured, dtype=np.float64), self._face_residuals(z, rig)])
+        points = self._points3d(z, rig)
+        measured = [(q.value - q.prior) / q.prior_std for q in self._measured(z, rig, points)]
+        return np.concatenate([np.asarray(measured, dtype=np.float64), self._face_residuals(z, points)])
 
-    def _face_residuals(self, z: FloatArray, rig: Rig) -> FloatArray:
+    def _face_residuals(self, z: FloatArray, points: Mapping[str, FloatArray]) -> FloatArray:
         """Lateral coordinate of points on the face against the perpendicular distance."""
         if not (self.has_axes and self._face):
             return np.empty(0)
         lateral_axis = self.structure_rotation(z)[0]
         _, _, perpendicular, _, offset = self._extra(z)
-        lateral = np.array([self._point3d(name, z, rig) @ lateral_axis for name in self._face])
+        lateral = np.array([points[name] @ lateral_axis for name in self._face])
         return np.asarray((lateral - perpendicular - offset) / self._site.face_offset_std)
 
     def _match_residuals(self, z: FloatArray) -> FloatArray:

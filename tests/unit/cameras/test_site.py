@@ -41,14 +41,14 @@ def covered(errors, stated):
 
 
 def test_without_a_range_the_scale_is_uncertain_and_says_so():
-    errors, stated, _ = run_trials(20, range_std=None)
+    errors, stated, _ = run_trials(12, range_std=None)
     assert np.all(stated[:, 0] > 0.04)
     assert np.sqrt(np.mean(errors[:, 0] ** 2)) < 2 * np.sqrt(np.mean(stated[:, 0] ** 2))
 
 
 def test_a_range_of_half_a_per_cent_brings_the_scale_below_one_per_cent():
-    # In the image plane: 0.5 % of range is 0.5 % of focal length, and both make the scale Z / f wrong: 1 % is the floor.
-    errors, stated, _ = run_trials(20, range_std=0.005)
+    # In the image plane. 0.5 % of range is 0.5 % of focal length, and both make Z / f wrong: 1 % is the floor.
+    errors, stated, _ = run_trials(12, range_std=0.005)
     assert np.sqrt(np.mean(errors[:, :2] ** 2, axis=0)).max() <= 0.01
     assert stated[:, :2].max() < 0.012
 
@@ -56,21 +56,28 @@ def test_a_range_of_half_a_per_cent_brings_the_scale_below_one_per_cent():
 @pytest.mark.slow
 @pytest.mark.parametrize("range_std", [None, 0.005])
 @pytest.mark.parametrize(
-    "draw", [{}, {"center_std": 0.015, "corner_distortion_std": 0.025}], ids=["focal only", "with nuisances"]
+    ("count", "draw"),
+    [
+        (200, {"shared_error_px": 0.0}),
+        (80, {"shared_error_px": 0.2}),
+        (80, {"center_std": 0.015, "corner_distortion_std": 0.025}),
+    ],
+    ids=["focal lengths", "and matches that err together", "and principal point and distortion"],
 )
-def test_stated_intervals_hold_in_two_hundred_trials(range_std, draw, capsys):
-    errors, stated, status = run_trials(200, range_std=range_std, seed=1, **draw)
+def test_stated_intervals_hold_in_many_trials(range_std, count, draw, capsys):
+    errors, stated, status = run_trials(count, range_std=range_std, seed=1, **draw)
     usable = np.array(status) == "ok"
     rms = 100 * np.sqrt(np.mean(errors[usable] ** 2, axis=0))
     with capsys.disabled():
         print(
-            f"\nrange {range_std}, {draw or 'focal only'}: usable {usable.mean():.3f}, RMS {rms.round(2)} %, stated "
+            f"\nrange {range_std}, {draw}: usable {usable.mean():.3f}, RMS {rms.round(2)} %, stated "
             f"{(100 * stated[usable].mean(axis=0)).round(2)} %, covered {covered(errors, stated)[:].round(3)}"
         )
     assert usable.mean() > 0.95
     assert np.all(covered(errors, stated) >= 0.90)
-    assert np.all(covered(errors, stated) <= 0.99)
-    if range_std is not None and not draw:
+    if count == 200:
+        assert np.all(covered(errors, stated) <= 0.99)
+    if range_std is not None and count == 200:
         assert rms[:2].max() <= 1.0
 
 

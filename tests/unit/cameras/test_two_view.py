@@ -85,8 +85,8 @@ class TestTwoViewCameras:
         frame = textured(np.random.default_rng(5))
         with pytest.raises(CameraError, match="expected at least two views"):
             TwoViewCameras().estimate(session(views=("left",)), {"left": frame})
+        alone = session(views=("left",), baseline=False)
         with pytest.raises(CameraError, match=r"expected site\.baseline"):
-            alone = session(views=("left",), baseline=False)
             TwoViewCameras().estimate(alone, {"left": frame, "right": frame})
 
     def test_a_lens_nobody_stated_is_noted_and_uncertain(self):

@@ -1,0 +1,1 @@
+"""Trackers: points followed through the frames of one view."""

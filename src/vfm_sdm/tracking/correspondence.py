@@ -1,0 +1,276 @@
+"""The same points in another view: found automatically, refined to sub-pixel, checked back.
+
+The paper lets VGGT's tracking head carry the point from the first to the second video; this is the classical way.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from vfm_sdm.arrays import FloatArray, LumaArray, as_float_array
+from vfm_sdm.cameras.base import Matches
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
+from vfm_sdm.tracking.subsets import Registration, register_subset
+
+__all__ = ["AMBIGUOUS", "NOT_FOUND", "NOT_RETURNED", "OK", "Correspondence", "find_correspondences"]
+
+OK = "ok"
+NOT_FOUND = "not found in the other view"
+AMBIGUOUS = "several places look alike"
+NOT_RETURNED = "the way back ends elsewhere"
+
+_MIN_CORRELATION = 0.7
+_AMBIGUITY_MARGIN = 0.05
+"""Another place counts as alike when its correlation comes within this of the best one."""
+_DISTINCT_PX = 3.0
+_RETURN_PX = 0.5
+_NEIGHBOURS = 24
+_NEAR_GIVEN = 9
+_MAX_EPIPOLAR_STEP_PX = 4.0
+"""Distance between tried depths along the epipolar line: inside the reach of the sub-pixel registration."""
+_MAX_HYPOTHESES = 400
+_TILTS = np.radians([0.0, -50.0, 50.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondence:
+    """Where points of one view lie in another.
+
+    Parameters
+    ----------
+    points2d
+        Shape (P, 2) [px] in the second view; NaN unless the status is ``ok``.
+    covariance
+        Shape (P, 2, 2) [px2].
+    correlation
+        Normalised cross-correlation of the matched subsets, shape (P,).
+    return_error
+        Distance between the named point and where the way back ends, shape (P,) [px].
+    status
+        ``ok`` or the reason why there is no position, length P.
+    """
+
+    points2d: FloatArray
+    covariance: FloatArray
+    correlation: FloatArray
+    return_error: FloatArray
+    status: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Hypotheses:
+    """Places to try: positions (H, 2) in the second view, and affine maps (H, 2, 2) of reference offsets."""
+
+    position: FloatArray
+    affine: FloatArray
+
+
+def find_correspondences(
+    images: tuple[LumaArray, LumaArray],
+    points2d: FloatArray,
+    rig: Rig,
+    *,
+    matches: Matches,
+    subset_px: int = 41,
+    given: Mapping[int, FloatArray] | None = None,
+) -> Correspondence:
+    """Positions in the second view of points named in the first.
+
+    Parameters
+    ----------
+    images
+        First frames of the views ``matches.first`` and ``matches.second``.
+    points2d
+        Shape (P, 2) [px] in the view ``matches.first``.
+    rig
+        Approximate cameras; the scale does not matter.
+    matches
+        Feature matches between the two views; may be empty.
+    subset_px
+        Side of the compared square [px].
+    given
+        Positions that a user named in the second view, by index of the point; tried first.
+
+    Raises
+    ------
+    DatasetError
+        Points are not pixels of the first image.
+
+    Notes
+    -----
+    Places to try are the affine map of neighbouring matches, and points at a sequence of depths on the viewing ray,
+    each as a small plane facing the camera or tilted about the vertical. Every one is refined by IC-GN with an affine
+    warp, so convergence at 30 degrees is a matter of the start. The best correlation wins if no distinct place comes
+    close to it, and if registration from there back to the first image returns to the named point. The affine warp
+    leaves out the second order of the perspective: the place found is off by up to about ``tan(angle) h^2 / (6 f)`` px
+    for a subset of half width h, a constant that cancels in displacement.
+    """
+    points = as_float_array(points2d, "points2d", (None, 2))
+    height, width = images[0].shape
+    if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
+        raise DatasetError(
+            f"points2d: expected pixels inside {width} x {height}, got {points.tolist()}; check the view"
+        )
+    results = [
+        _find_one(images, point, rig, matches=matches, subset_px=subset_px, given=(given or {}).get(index))
+        for index, point in enumerate(points)
+    ]
+    status = tuple(outcome[1] for outcome in results)
+    position = np.full((len(points), 2), np.nan)
+    covariance = np.full((len(points), 2, 2), np.nan)
+    correlation, return_error = np.full(len(points), np.nan), np.full(len(points), np.nan)
+    for index, (registration, state, miss) in enumerate(results):
+        return_error[index] = miss
+        if registration is not None:
+            correlation[index] = registration.correlation[0]
+        if registration is not None and state == OK:
+            position[index], covariance[index] = registration.position[0], registration.covariance[0]
+    return Correspondence(position, covariance, correlation, return_error, status)
+
+
+def _find_one(
+    images: tuple[LumaArray, LumaArray],
+    point: FloatArray,
+    rig: Rig,
+    *,
+    matches: Matches,
+    subset_px: int,
+    given: FloatArray | None,
+) -> tuple[Registration | None, str, float]:
+    """Best registration of one point, its status, and the distance that the way back misses by."""
+    first, second = rig.cameras[matches.first], rig.cameras[matches.second]
+    hypotheses = _from_matches(point, matches)
+    depths = _depth_range(rig, matches, point)
+    hypotheses = _join(hypotheses, _from_depths(point, first, second, depths))
+    if given is not None:
+        # A position named by hand says where; the map of offsets is that of the places tried next to it.
+        nearest = np.argsort(np.linalg.norm(hypotheses.position - given, axis=1))[:_NEAR_GIVEN]
+        hypotheses = _Hypotheses(np.tile(given, (nearest.size, 1)), hypotheses.affine[nearest])
+    hypotheses = _inside(hypotheses, images[1], subset_px)
+    if not len(hypotheses.position):
+        return None, NOT_FOUND, float("nan")
+    count = len(hypotheses.position)
+    tried = register_subset(
+        images[0],
+        images[1],
+        np.broadcast_to(point, (count, 2)),
+        hypotheses.position,
+        hypotheses.affine,
+        subset_px=subset_px,
+    )
+    correlation = np.where(np.isfinite(tried.position).all(axis=1) & tried.converged, tried.correlation, -1.0)
+    best = int(np.argmax(correlation))
+    if correlation[best] < _MIN_CORRELATION:
+        return None, NOT_FOUND, float("nan")
+    chosen = _take(tried, best)
+    apart = np.linalg.norm(tried.position - tried.position[best], axis=1) > _DISTINCT_PX
+    if np.any(correlation[apart] > correlation[best] - _AMBIGUITY_MARGIN):
+        return chosen, AMBIGUOUS, float("nan")
+    back = register_subset(
+        images[1], images[0], chosen.position, point[None], np.linalg.inv(chosen.affine), subset_px=subset_px
+    )
+    miss = float(np.linalg.norm(back.position[0] - point))
+    return chosen, OK if back.converged[0] and miss <= _RETURN_PX else NOT_RETURNED, miss
+
+
+def _from_matches(point: FloatArray, matches: Matches) -> _Hypotheses:
+    """Affine maps fitted to the nearest matches, for a few sizes of the neighbourhood."""
+    count = len(matches.points_first)
+    positions, affines = [], []
+    if count >= 4:
+        order = cKDTree(matches.points_first).query(point, k=min(count, _NEIGHBOURS))[1]
+        for size in (4, 8, 16, _NEIGHBOURS):
+            chosen = np.atleast_1d(order)[:size]
+            if chosen.size < min(size, 4):
+                continue
+            offsets = matches.points_first[chosen] - point
+            design = np.column_stack([np.ones(chosen.size), offsets])
+            if np.linalg.matrix_rank(design, tol=1e-3) < 3:
+                continue
+            # Median-like weights in three rounds: one wrong match among the neighbours must not carry the map away.
+            weight = np.ones(chosen.size)
+            for _ in range(3):
+                solution = np.linalg.lstsq(
+                    design * weight[:, None], matches.points_second[chosen] * weight[:, None], rcond=None
+                )[0]
+                residual = np.linalg.norm(design @ solution - matches.points_second[chosen], axis=1)
+                weight = 1 / np.sqrt(1 + (residual / (np.median(residual) + 0.5)) ** 2)
+            positions.append(solution[0])
+            affines.append(solution[1:].T)
+    return _Hypotheses(np.array(positions).reshape(-1, 2), np.array(affines).reshape(-1, 2, 2))
+
+
+def _depth_range(rig: Rig, matches: Matches, point: FloatArray) -> tuple[float, float]:
+    """Nearest and farthest depth to try: what the matches around the point span, widened; else what the rig sees."""
+    baseline = float(np.linalg.norm(rig.cameras[matches.first].center - rig.cameras[matches.second].center))
+    pair = Rig(("a", "b"), (rig.cameras[matches.first], rig.cameras[matches.second]))
+    points3d = triangulate(np.stack([matches.points_first, matches.points_second]), pair)
+    camera = pair.cameras[0]
+    depth = (points3d @ camera.rotation.T + camera.translation)[in_front_of_all(points3d, pair), 2]
+    if depth.size < 8:
+        return baseline, 50 * baseline
+    near, far = np.percentile(depth, [2, 98])
+    return 0.7 * float(near), 1.5 * float(far)
+
+
+def _from_depths(point: FloatArray, first: Camera, second: Camera, depths: tuple[float, float]) -> _Hypotheses:
+    """Points on the viewing ray, equally spaced along the epipolar line, each as a small tilted plane."""
+    ray = np.append(first.normalize(point), 1.0)
+
+    def pixel(depth: FloatArray) -> FloatArray:
+        world = (depth[:, None] * ray - first.translation) @ first.rotation
+        return second.project(world)
+
+    inverse = np.linspace(1 / depths[0], 1 / depths[1], 2000)
+    line = pixel(1 / inverse)
+    visible = np.isfinite(line).all(axis=1)
+    inverse, line = inverse[visible], line[visible]
+    if len(line) < 2:
+        return _Hypotheses(np.empty((0, 2)), np.empty((0, 2, 2)))
+    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    count = int(np.clip(np.ceil(travelled[-1] / _MAX_EPIPOLAR_STEP_PX), 2, _MAX_HYPOTHESES))
+    tried = 1 / np.interp(np.linspace(0, travelled[-1], count), travelled, inverse)
+    positions = pixel(tried)
+    everything = [_Hypotheses(positions, _plane_maps(point, first, second, tried, tilt)) for tilt in _TILTS]
+    return _join(*everything)
+
+
+def _plane_maps(point: FloatArray, first: Camera, second: Camera, depths: FloatArray, tilt: float) -> FloatArray:
+    """Affine maps of offsets from the first to the second image through planes turned about the vertical."""
+    ray = np.append(first.normalize(point), 1.0)
+    normal = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
+    columns = []
+    for axis in range(2):
+        moved = []
+        for sign in (1.0, -1.0):
+            beside = np.append(first.normalize(point + sign * np.eye(2)[axis]), 1.0)
+            depth = depths * (ray @ normal) / (beside @ normal)
+            moved.append(second.project((depth[:, None] * beside - first.translation) @ first.rotation))
+        columns.append((moved[0] - moved[1]) / 2)
+    return np.stack(columns, axis=-1)
+
+
+def _join(*parts: _Hypotheses) -> _Hypotheses:
+    return _Hypotheses(np.concatenate([p.position for p in parts]), np.concatenate([p.affine for p in parts]))
+
+
+def _inside(hypotheses: _Hypotheses, image: LumaArray, subset_px: int) -> _Hypotheses:
+    """Those hypotheses whose subset lies inside the image and is neither squeezed flat nor blown up."""
+    height, width = image.shape
+    margin = subset_px // 2 + 2
+    position = hypotheses.position
+    inside = ((position >= margin) & (position <= [width - 1 - margin, height - 1 - margin])).all(axis=1)
+    # Planes tilted out of a camera's sight have no map at all.
+    defined = np.asarray(np.isfinite(hypotheses.affine).all(axis=(1, 2)))
+    area = np.abs(np.linalg.det(np.where(defined[:, None, None], hypotheses.affine, 0.0)))
+    kept = inside & (area > 0.1) & (area < 10)
+    return _Hypotheses(position[kept], hypotheses.affine[kept])
+
+
+def _take(registration: Registration, index: int) -> Registration:
+    fields = registration.__dataclass_fields__
+    return Registration(**{name: getattr(registration, name)[index : index + 1] for name in fields})
