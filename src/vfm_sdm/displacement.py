@@ -159,7 +159,7 @@ def _reference_position(
 ) -> FloatArray:
     """Position that displacement is relative to, (T, P, 3) to (P, 3); NaN for a point without any."""
     if still_interval_s is None:
-        return _first_valid(position[None], valid)[0]
+        return np.asarray(_first_valid(position[None], valid)[0])
     still = (time_s >= still_interval_s[0]) & (time_s <= still_interval_s[1])
     if not still.any():
         raise DatasetError(

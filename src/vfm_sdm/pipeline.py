@@ -159,9 +159,7 @@ def track_views(
     return tracks
 
 
-def displacement_of(
-    session: Session, tracks: Mapping[str, xr.Dataset], solution: CameraSolution
-) -> xr.Dataset | None:
+def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution: CameraSolution) -> xr.Dataset | None:
     """Displacement dataset from tracks of all views and the cameras.
 
     A single view gives motion in the image plane if a length between two of its points is known. ``None`` where there

@@ -4,8 +4,8 @@ import subprocess
 import sys
 
 import pytest
-from scenes import write_scene
 
+from scenes import write_scene
 from vfm_sdm.cli import main
 from vfm_sdm.session import Session, read_session, write_session
 

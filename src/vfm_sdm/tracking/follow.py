@@ -20,6 +20,7 @@ LOOK_ALIKE = 0.9
 
 _BORDER_PX = 5.0  # a subset that vanishes further from the border, and was not moving there, has not left the image
 _DISTINCT_PX = 2.0  # registrations that end closer to each other found the same place
+_SAFE_PX = _DISTINCT_PX / 2
 _PEAKS = 4  # places that a search tries: the best, and rivals that would make it ambiguous
 _PEAKS_IN_REFERENCE = 12  # more, because the nearest look-alike counts there, not the best
 
@@ -59,7 +60,8 @@ class Follower:
         self._step = np.zeros((len(bank), 2))  # motion over the last two frames, where both were found
         self._seen = bank.usable.copy()
         self._outside = ~bank.inside
-        self._reach = self._reach_without_mistake(reference)
+        self._reference = reference.copy()
+        self._reach = np.full(len(bank), np.nan)  # filled in for a point when it first takes a step that matters
 
     def advance(self, luma: LumaArray) -> tuple[RawRegistration, IntArray]:
         """Registrations in the next frame, and their status: ok, lost or outside, shape (P,)."""
@@ -67,8 +69,7 @@ class Follower:
         if self._settings.predict:
             start[:, :2] += self._step
         raw = self._register(luma, np.arange(len(self._bank)), start)
-        near = np.hypot(*(raw.warps[:, :2] - start[:, :2]).T) <= self._reach
-        continuous = raw.converged & near
+        continuous = raw.converged & self._within_reach(np.hypot(*(raw.warps[:, :2] - start[:, :2]).T))
         found = continuous & (raw.correlation >= self._settings.reliable_correlation)
         left = raw.outside & (self._clearance(start, luma) <= np.hypot(*self._step.T) + _BORDER_PX)
         followed = found.copy()
@@ -92,12 +93,12 @@ class Follower:
     def _register(self, luma: LumaArray, rows: IntArray, warps: FloatArray) -> RawRegistration:
         return self._bank.run(luma, rows, warps, max_iterations=self._settings.max_iterations, executor=self._executor)
 
-    def _peaks(self, luma: LumaArray, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
-        """Subset and centre (K, 2) of the correlation peaks around where each subset was found last."""
+    def _peaks(self, luma: LumaArray, rows: IntArray, places: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
+        """Subset and centre (K, 2) of the correlation peaks around places (P, 2), for some of the P subsets."""
 
         def search(p: int) -> FloatArray:
-            place, radius_px = self._last[p, :2], self._settings.search_radius_px
-            return correlation_peaks(self._cuts[p], luma, place, radius_px=radius_px, count=count)
+            radius_px = self._settings.search_radius_px
+            return correlation_peaks(self._cuts[p], luma, places[p], radius_px=radius_px, count=count)
 
         centers = list(self._executor.map(search, rows.tolist()))
         owners = np.repeat(rows, [len(c) for c in centers])
@@ -107,7 +108,7 @@ class Follower:
         self, luma: LumaArray, doubtful: IntArray, raw: RawRegistration, *, continuous: BoolArray, found: BoolArray
     ) -> None:
         """Looks for subsets around where they were last; enters what is found into ``raw`` and ``found``."""
-        owners, centers = self._peaks(luma, doubtful, _PEAKS)
+        owners, centers = self._peaks(luma, doubtful, self._last[:, :2], _PEAKS)
         tried = self._register(luma, owners, np.concatenate([centers, self._last[owners, 2:]], axis=1))
         scores = np.where(tried.converged, tried.correlation, -np.inf)
         own_scores = np.where(continuous, raw.correlation, -np.inf)
@@ -126,16 +127,20 @@ class Follower:
                 found[p] = True
                 raw.warps[p], raw.outcome[p] = tried.warps[winner], tried.outcome[winner]
 
-    def _reach_without_mistake(self, reference: LumaArray) -> FloatArray:
-        """Largest step between frames after which a subset cannot be mistaken for a look-alike, shape (P,) [px].
+    def _within_reach(self, moved: FloatArray) -> BoolArray:
+        """Whether steps from the predicted place (P,) [px] are too short to end at a look-alike by mistake.
 
-        Half the way to the nearest place of the reference frame that looks the same; the search radius if there is
-        none.
+        Limits are half the way to the nearest place of the reference frame that looks the same, or the search radius.
+        Those places lie further apart than twice `_SAFE_PX`, so that shorter steps need no look at the reference.
         """
-        reach = np.full(len(self._bank), float(self._settings.search_radius_px))
-        owners, centers = self._peaks(reference, np.flatnonzero(self._bank.usable), _PEAKS_IN_REFERENCE)
-        tried = self._register(reference, owners, np.concatenate([centers, self._last[owners, 2:]], axis=1))
-        away = np.hypot(*(tried.warps[:, :2] - self._bank.centers[owners]).T)
-        alike = tried.converged & (tried.correlation >= LOOK_ALIKE) & (away > _DISTINCT_PX)
-        np.minimum.at(reach, owners[alike], away[alike] / 2)
-        return reach
+        unknown = np.flatnonzero((moved > _SAFE_PX) & np.isnan(self._reach) & self._bank.usable)
+        if unknown.size:
+            home = self._bank.centers.astype(np.float64)
+            owners, centers = self._peaks(self._reference, unknown, home, _PEAKS_IN_REFERENCE)
+            identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(owners), 1))
+            tried = self._register(self._reference, owners, np.concatenate([centers, identity], axis=1))
+            away = np.hypot(*(tried.warps[:, :2] - home[owners]).T)
+            alike = tried.converged & (tried.correlation >= LOOK_ALIKE) & (away > _DISTINCT_PX)
+            self._reach[unknown] = self._settings.search_radius_px
+            np.minimum.at(self._reach, owners[alike], away[alike] / 2)
+        return (moved <= _SAFE_PX) | (moved <= self._reach)

@@ -13,36 +13,22 @@ from numba import njit
 
 from vfm_sdm.arrays import FloatArray, LumaArray
 
-__all__ = [
-    "CONVERGED",
-    "DECAY_PX",
-    "FAILED",
-    "OUTSIDE",
-    "POLES",
-    "REGION_FACTOR",
-    "correlate_on_grid",
-    "register_subsets",
-]
+__all__ = ["CONVERGED", "FAILED", "OUTSIDE", "correlate_on_grid", "register_subsets"]
 
 CONVERGED, FAILED, OUTSIDE = 0, 1, 2
 """Outcome codes of one registration."""
 
-POLES = (-0.43057534709997379, -0.04309628820326465)
-"""Poles of the recursive filter that turns samples into quintic B-spline coefficients (roots of
-z^4 + 26 z^3 + 66 z^2 + 26 z + 1 inside the unit circle)."""
-DECAY_PX = 6
-"""Distance over which the unknown outside of a region is forgotten by that filter: 0.43^6 = 0.6 %."""
-REGION_FACTOR = 2
-"""Largest stretch of a subset by the warp; beyond it the registration has diverged."""
-
-_TAPS = 6
-_BEFORE, _AFTER = 2, 3
-_DRIFT_PX = 1
+# Roots of z^4 + 26 z^3 + 66 z^2 + 26 z + 1 inside the unit circle: the filter from samples to spline coefficients.
+_POLES = (-0.43057534709997379, -0.04309628820326465)
+_DECAY_PX = 6  # the filter forgets what it assumes outside a region: 0.43^6 = 0.6 %
+_DRIFT_PX = 1  # motion after which a loaded region still serves
+_REGION_FACTOR = 2  # largest stretch of a subset by the warp; beyond it the registration has diverged
+_TAPS, _BEFORE, _AFTER = 6, 2, 3
 _FAR = 1e7
 # The filter is 1 / (D(z) D(1/z)) with D(z) = (1 - pole_1 z)(1 - pole_2 z); D(1)^2 brings it to unit gain.
-_POLE_SUM, _POLE_PRODUCT = np.float32(sum(POLES)), np.float32(POLES[0] * POLES[1])
-_STEADY = np.float32(1 / ((1 - POLES[0]) * (1 - POLES[1])))
-_AXIS_GAIN = np.float32(((1 - POLES[0]) * (1 - POLES[1])) ** 2 / 120)
+_POLE_SUM, _POLE_PRODUCT = np.float32(sum(_POLES)), np.float32(_POLES[0] * _POLES[1])
+_STEADY = np.float32(1 / ((1 - _POLES[0]) * (1 - _POLES[1])))
+_AXIS_GAIN = np.float32(((1 - _POLES[0]) * (1 - _POLES[1])) ** 2 / 120)
 _ONE = np.float32(1)
 
 Single = npt.NDArray[np.float32]
@@ -95,23 +81,40 @@ def _filter_first_axis(block: Single, count: int, width: int) -> None:
     """Recursive spline filter along the first axis of block[:count, :width], in place; its gain is in the weights.
 
     Both poles in one recursion each way, y_k = x_k + sum y_(k-1) - product y_(k-2). It starts as if the first value
-    had stood for ever; that is forgotten after `DECAY_PX`. The block is passed whole because numba vectorises over
-    rows of contiguous arrays only.
+    had stood for ever; that is forgotten after `_DECAY_PX`. The block is passed whole because numba vectorises over
+    rows of contiguous arrays only; ``count`` is two more than a multiple of four (see `_padded`).
     """
     for j in range(width):
         block[0, j] *= _STEADY
         block[1, j] += (_POLE_SUM - _POLE_PRODUCT) * block[0, j]
-    for k in range(2, count):
-        row, before, earlier = block[k], block[k - 1], block[k - 2]
-        for j in range(width):
-            row[j] += _POLE_SUM * before[j] - _POLE_PRODUCT * earlier[j]
+    k = 2
+    while k < count - 3:
+        _recur(block[k - 2], block[k - 1], block[k], block[k + 1], block[k + 2], block[k + 3], width)
+        k += 4
     for j in range(width):
         block[count - 1, j] *= _STEADY
         block[count - 2, j] += (_POLE_SUM - _POLE_PRODUCT) * block[count - 1, j]
-    for k in range(count - 3, -1, -1):
-        row, after, later = block[k], block[k + 1], block[k + 2]
-        for j in range(width):
-            row[j] += _POLE_SUM * after[j] - _POLE_PRODUCT * later[j]
+    k = count - 3
+    while k > 2:
+        _recur(block[k + 2], block[k + 1], block[k], block[k - 1], block[k - 2], block[k - 3], width)
+        k -= 4
+
+
+@_jit
+def _padded(count: int) -> int:
+    """The next count that is two more than a multiple of four."""
+    return count + (2 - count) % 4
+
+
+@_jit
+def _recur(earlier: Single, before: Single, a: Single, b: Single, c: Single, d: Single, width: int) -> None:
+    """Four rows of the recursion at a time, which halves the traffic with memory."""
+    for j in range(width):
+        first = a[j] + _POLE_SUM * before[j] - _POLE_PRODUCT * earlier[j]
+        second = b[j] + _POLE_SUM * first - _POLE_PRODUCT * before[j]
+        third = c[j] + _POLE_SUM * second - _POLE_PRODUCT * first
+        d[j] += _POLE_SUM * third - _POLE_PRODUCT * second
+        a[j], b[j], c[j] = first, second, third
 
 
 @_jit
@@ -290,12 +293,12 @@ def _covers(box: Integers, warp: FloatArray, half: int) -> bool:
     reach_u, reach_v = _reach(warp, half)
     left, right = int(np.floor(warp[0] - reach_u)) - _BEFORE, int(np.floor(warp[0] + reach_u)) + _AFTER
     top, bottom = int(np.floor(warp[1] - reach_v)) - _BEFORE, int(np.floor(warp[1] + reach_v)) + _AFTER
-    margin_right, margin_bottom = box[0] + box[2] - DECAY_PX, box[1] + box[3] - DECAY_PX
-    if left - box[0] >= DECAY_PX and right < margin_right and top - box[1] >= DECAY_PX and bottom < margin_bottom:
+    margin_right, margin_bottom = box[0] + box[2] - _DECAY_PX, box[1] + box[3] - _DECAY_PX
+    if left - box[0] >= _DECAY_PX and right < margin_right and top - box[1] >= _DECAY_PX and bottom < margin_bottom:
         return True
-    margin = DECAY_PX + _DRIFT_PX
-    box[0], box[2] = left - margin, right - left + 1 + 2 * margin
-    box[1], box[3] = top - margin, bottom - top + 1 + 2 * margin
+    margin = _DECAY_PX + _DRIFT_PX
+    box[0], box[2] = left - margin, _padded(right - left + 1 + 2 * margin)
+    box[1], box[3] = top - margin, _padded(bottom - top + 1 + 2 * margin)
     return False
 
 
@@ -345,7 +348,7 @@ def register_subsets(
     count = pixels.shape[2]
     size = int(np.sqrt(count) + 0.5)
     half = size // 2
-    limit = REGION_FACTOR * size + 2 * (DECAY_PX + _DRIFT_PX + _TAPS)
+    limit = _padded(_REGION_FACTOR * size + 2 * (_DECAY_PX + _DRIFT_PX + _TAPS))
     region, coefficients = np.empty((limit, limit), np.float32), np.empty((limit, limit), np.float32)
     line, sampled = np.empty(size + _TAPS, np.float32), np.empty(count, np.float32)
     wu, wv = np.empty(_TAPS, np.float32), np.empty(_TAPS, np.float32)
@@ -447,8 +450,8 @@ def correlate_on_grid(
     pixels, moments, _, grid = bank
     count = pixels.shape[2]
     size = int(np.sqrt(count) + 0.5)
-    reach = size // 2 + 1 + _AFTER + DECAY_PX
-    side = 2 * reach + 1
+    reach = size // 2 + 1 + _AFTER + _DECAY_PX
+    side = _padded(2 * reach + 1)
     region, coefficients = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     sums, measure, box = np.empty(9), np.empty(3), np.empty(4, np.int64)
     wu, wv = np.empty(_TAPS, np.float32), np.empty(_TAPS, np.float32)

@@ -18,7 +18,8 @@ half of it, where no interpolation is right."""
 
 _DERIVATIVE = np.array([-1, -10, 0, 10, 1]) / 24  # of a quintic spline at the samples, from its coefficients
 _VALUE = np.array([1, 26, 66, 26, 1]) / 120  # its value there
-_MARGIN = 14  # pixels around a subset: the spline's coefficients settle to 0.43^9 before the other filters' 5 pixels
+_FILTERS = len(_VALUE) // 2 + len(SMOOTHING) // 2  # pixels around a subset that the filters after the spline's need
+_MARGIN = _FILTERS + 9  # the spline's coefficients settle over 9 pixels, to 0.43^9
 _BATCH = 32  # subsets prepared at one time; bounds the memory
 
 
@@ -112,10 +113,7 @@ def _prepare(reference: LumaArray, centers: IntArray, offsets: FloatArray, half:
     points, count = len(centers), (2 * half + 1) ** 2
     gray = windows[core].reshape(points, count)
     template = gray - gray.mean(axis=1, keepdims=True)
-    gradients = _gradients(windows)
-    smooth = [_smoothed(gradient)[core].reshape(points, count) for gradient in gradients]
-    plain = [gradient[core].reshape(points, count) for gradient in gradients]
-
+    plain, smooth = ([g.reshape(points, count) for g in kind] for kind in _gradients(windows))
     design = np.stack([np.ones(count), *_offset_grid(half)])
     S, T = _Images(smooth, template, design), _Images(plain, template, design)
     M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
@@ -148,18 +146,25 @@ def _windows(reference: LumaArray, centers: IntArray, reach: int) -> FloatArray:
     return windows
 
 
-def _gradients(windows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives along u and v of the quintic spline through the samples, at the samples."""
-    coefficients = windows
-    for axis in (1, 2):
-        coefficients = spline_filter1d(coefficients, order=5, axis=axis, mode="mirror")
-    along_u = correlate1d(correlate1d(coefficients, _DERIVATIVE, axis=1), _VALUE, axis=2)
-    along_v = correlate1d(correlate1d(coefficients, _VALUE, axis=1), _DERIVATIVE, axis=2)
-    return along_u, along_v
+def _gradients(windows: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Derivatives along u and v of the quintic spline through the samples, at the samples: plain, and smoothed.
+
+    Of windows (P, R, R) the inner (P, R - 2 margin, R - 2 margin); every filter drops what it leaves incomplete.
+    """
+    inner = _MARGIN - _FILTERS
+    coefficients = spline_filter1d(windows, order=5, axis=1, mode="mirror")[:, inner:-inner]
+    coefficients = spline_filter1d(coefficients, order=5, axis=2, mode="mirror")[:, :, inner:-inner]
+    wide = [_filtered(coefficients, _DERIVATIVE, _VALUE), _filtered(coefficients, _VALUE, _DERIVATIVE)]
+    border = len(SMOOTHING) // 2
+    plain = [gradient[:, border:-border, border:-border] for gradient in wide]
+    return plain, [_filtered(gradient, SMOOTHING, SMOOTHING) for gradient in wide]
 
 
-def _smoothed(gradient: FloatArray) -> FloatArray:
-    return np.asarray(correlate1d(correlate1d(gradient, SMOOTHING, axis=1), SMOOTHING, axis=2))
+def _filtered(images: FloatArray, along_u: FloatArray, along_v: FloatArray) -> FloatArray:
+    """Images (P, R, R) correlated with one kernel along each axis, without the incomplete border."""
+    border_u, border_v = len(along_u) // 2, len(along_v) // 2
+    partly = correlate1d(images, along_u, axis=1)[:, border_u:-border_u]
+    return np.asarray(correlate1d(partly, along_v, axis=2)[:, :, border_v:-border_v])
 
 
 class _Images:
@@ -189,10 +194,11 @@ def _normal_matrix(first: _Images, second: _Images, design: FloatArray) -> Float
 @cache
 def _gradient_noise() -> float:
     """Expected product of smoothed and plain gradient in white noise of one grey level [1]."""
-    impulse = np.zeros((1, 4 * _MARGIN + 1, 4 * _MARGIN + 1))
-    impulse[0, 2 * _MARGIN, 2 * _MARGIN] = 1
-    along_u, _ = _gradients(impulse)
-    return float((along_u * _smoothed(along_u)).sum())
+    side = 2 * _MARGIN + 41
+    impulse = np.zeros((1, side, side))
+    impulse[0, side // 2, side // 2] = 1
+    plain, smooth = _gradients(impulse)
+    return float((plain[0] * smooth[0]).sum())
 
 
 def _well_posed(M: FloatArray) -> BoolArray:

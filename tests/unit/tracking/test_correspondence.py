@@ -95,7 +95,7 @@ def test_a_position_given_by_hand_decides_between_look_alikes():
         return 128 + 60 * np.cos(2 * np.pi * x / 24) * np.cos(2 * np.pi * y / 24)
 
     images = tuple(view(camera, stripes) for camera in rig().cameras)
-    given = {i: p for i, p in enumerate(true_position() + 1.0)}
+    given = dict(enumerate(true_position() + 1.0))
     found = find_correspondences(images, POINTS, rig(), matches=NO_MATCHES, given=given)
     assert found.status == (OK,) * 3
     np.testing.assert_allclose(found.points2d, true_position(), atol=ATOL_PX)
