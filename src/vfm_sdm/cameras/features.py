@@ -10,9 +10,9 @@ from vfm_sdm.video import Region
 
 __all__ = ["match_features", "to_eight_bit"]
 
-_LONG_SIDE_PX = 2000
+_LONG_SIDE_PX = 1500
 """Images with a longer side are reduced to it: finer features cost time and add nothing to the geometry."""
-_FEATURES = 6000
+_FEATURES = 4000
 _RATIO = 0.85
 
 

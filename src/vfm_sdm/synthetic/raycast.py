@@ -18,6 +18,7 @@ __all__ = [
     "EDGE_PX",
     "KEEP",
     "SEARCH",
+    "SLACK_PX",
     "TABLE_STEP_M",
     "TILE",
     "CastArrays",
@@ -30,6 +31,8 @@ BLUR_PX = 0.8
 """Standard deviation of the Gaussian point spread that edges are seen through [px]."""
 EDGE_PX = 3
 """Reach of the point spread [px]."""
+SLACK_PX = 1.5 * EDGE_PX + 1.5
+"""How far beyond a face's edge a ray still counts as near it [px]: the diagonal of the reach and a little."""
 _SAMPLES = 64
 """Rays through the point spread where more than two faces meet."""
 _GENERATOR = 19
@@ -74,7 +77,7 @@ class CastArrays(NamedTuple):
     faces: FloatArray
     """Normal, unit vectors u and v; the face's origin seen from the optical centre along these three [m]; lengths
     along u and v [m]; texels per metre along them; distance from the face's origin to the start of its table of
-    displacements [m]; largest displacement plus two pixels there [m]; texels before the origin.
+    displacements [m]; largest displacement plus `SLACK_PX` there [m]; texels before the origin.
     Shape (F, 19)."""
     layout: _Int64Array
     """First texel and numbers of texels along u and v; first row and number of rows in the table of displacements,
@@ -123,7 +126,7 @@ def _shift_at(values: FloatArray, first: int, count: int, position: float) -> _V
 def _meet(faces: FloatArray, layout: _Int64Array, values: FloatArray, k: int, ray: _Vector, margin: float) -> _Vector:
     """Distance along a ray to a face's plane, and where it meets it at rest, along u and v.
 
-    (-1, 0, 0) for a miss by more than the displacement and two pixels explain, times ``margin``.
+    (-1, 0, 0) for a miss by more than ``margin`` times what the displacement and `SLACK_PX` explain.
 
     A point of a moving face is displaced by the value at its own place at rest, which a fixed-point iteration finds.
     Its error shrinks by the slope of the deflection curve (1e-3) a step, so that two steps leave 1e-8 m of a
@@ -418,15 +421,14 @@ def smooth_edges(arrays: _Arrays, values: FloatArray, plan: _FaceImage, luma: _L
                     for m in range(3):
                         near[count, 1 + m], near[count, 4 + m], near[count, 7 + m] = center[m], by_column[m], by_row[m]
                     count += 1
-            if count > 1:
-                luma[row, column] = _blend_many(faces, layout, coefficients, near, count, sky)
+            luma[row, column] = _blend_many(faces, layout, coefficients, near, count, sky)
 
 
 @nb.njit(cache=True, error_model="numpy")
 def mark_tiles(arrays: _Arrays, values: FloatArray, marks: BoolArray) -> None:
     """Sets ``marks[face, tile_v, tile_u]`` where a face comes near a pixel of the tile, hidden or not.
 
-    Every other pixel is enough, because `_meet` looks two pixels beyond a face's edges.
+    Every other pixel is enough, because `_meet` looks `SLACK_PX` beyond a face's edges.
     """
     faces, layout, _, R, rays, _, _ = arrays
     height, width = rays.shape[0] - 2, rays.shape[1] - 2

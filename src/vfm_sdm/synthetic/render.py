@@ -14,6 +14,7 @@ from vfm_sdm.synthetic.raycast import (
     EDGE_PX,
     KEEP,
     SEARCH,
+    SLACK_PX,
     TABLE_STEP_M,
     TILE,
     CastArrays,
@@ -229,7 +230,7 @@ def _cast_arrays(scene: Scene, camera: Camera, stations: _Stations, reach_m: flo
     density = np.array([face.texture.texels_per_m for face in scene.faces])
     guard = np.full(len(scene.faces), GUARD)
     farthest = np.array([np.linalg.norm(face.corners - camera.center, axis=1).max() for face in scene.faces])
-    reach = np.where(stations.count > 0, reach_m, 0.0) + 2 * farthest / camera.focal_px
+    reach = np.where(stations.count > 0, reach_m, 0.0) + SLACK_PX * farthest / camera.focal_px
     texels = np.array([spline.shape[::-1] for spline in scene.splines])
     first = np.cumsum([0] + [spline.size for spline in scene.splines[:-1]])
     table = stations.start - origin[:, 2]

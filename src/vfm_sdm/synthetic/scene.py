@@ -259,15 +259,17 @@ def coarsest_pixel(
 
     Notes
     -----
-    A wave along u with wavelength L has, in the image, the frequency ``|J^-T e_u| / L`` cycles a pixel, where J holds
-    the derivatives of the pixel by the distances along u and v.
+    A texture whose shortest wavelengths are n times these sizes has no frequency above 1 / n cycles a pixel in any
+    image. A wave with wave vector f (cycles a metre along u and v) has the frequency ``J^-T f`` in the image, where J
+    holds the derivatives of the pixel by the distances along u and v; the columns of ``J^-T`` bound each edge alone,
+    and both sizes are raised by the largest singular value that is left for waves between the two.
     """
     corner, u, v = (as_float_array(x, "rectangle", (3,)) for x in (origin, edge_u, edge_v))
     lengths = np.linalg.norm([u, v], axis=1)
     a, b = (grid.ravel() for grid in np.meshgrid(*2 * [np.linspace(0, 1, _GRID)]))
     points = corner + a[:, None] * u + b[:, None] * v
     step = 1e-4
-    sizes = [np.zeros((0, 2))]
+    inverses = [np.zeros((0, 2, 2))]
     for camera in cameras:
         pixel = camera.project(points)
         margin = _VISIBLE_MARGIN * np.asarray(camera.image_size)
@@ -275,10 +277,12 @@ def coarsest_pixel(
             seen = np.all((pixel > -margin) & (pixel < np.asarray(camera.image_size) + margin), axis=1)
         by_u = (camera.project(points[seen] + step * u / lengths[0]) - pixel[seen]) / step
         by_v = (camera.project(points[seen] + step * v / lengths[1]) - pixel[seen]) / step
-        area = np.abs(by_u[:, 0] * by_v[:, 1] - by_u[:, 1] * by_v[:, 0])
-        # Rows of J^-1 for a 2x2 matrix; a face seen edge-on has no area and no usable texture there.
-        usable = area > 1e-3
-        by_u, by_v, area = by_u[usable], by_v[usable], area[usable, None]
-        sizes.append(np.linalg.norm(np.stack([by_v, by_u], axis=1), axis=2) / area)
-    stacked = np.concatenate(sizes)
-    return (float(stacked[:, 0].max()), float(stacked[:, 1].max())) if len(stacked) else None
+        J = np.stack([by_u, by_v], axis=-1)
+        # A face seen edge-on has no area and no usable texture there.
+        inverses.append(np.linalg.inv(J[np.abs(np.linalg.det(J)) > 1e-3]).transpose(0, 2, 1))
+    waves = np.concatenate(inverses)
+    if not len(waves):
+        return None
+    sizes = np.linalg.norm(waves, axis=1).max(axis=0)
+    sizes *= np.linalg.norm(waves / sizes, ord=2, axis=(1, 2)).max()
+    return float(sizes[0]), float(sizes[1])

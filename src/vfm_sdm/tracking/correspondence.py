@@ -33,6 +33,8 @@ _NEAR_GIVEN = 9
 _MAX_EPIPOLAR_STEP_PX = 4.0
 """Distance between tried depths along the epipolar line: inside the reach of the sub-pixel registration."""
 _MAX_HYPOTHESES = 400
+_FIRST_ITERATIONS = 10
+"""Places from which the registration has not converged by then are not where the point is."""
 _TILTS = np.radians([0.0, -50.0, 50.0])
 
 
@@ -161,6 +163,7 @@ def _find_one(
         hypotheses.position,
         hypotheses.affine,
         subset_px=subset_px,
+        max_iterations=_FIRST_ITERATIONS,
     )
     correlation = np.where(np.isfinite(tried.position).all(axis=1) & tried.converged, tried.correlation, -1.0)
     best = int(np.argmax(correlation))

@@ -50,7 +50,8 @@ class SubsetBank:
     -----
     A subset is centred on the pixel nearest to its point, and the sub-pixel rest is carried as an offset through the
     warp. Sampling the reference between the pixels would do the same in principle, but interpolated noise and its
-    derivative are correlated at a general phase, which pulls the estimate; at the samples they are not.
+    derivative are correlated at a general phase, which pulls the estimate (at a quarter pixel and 1 % noise by
+    0.004 px on a good texture, by 0.03 px on a weak one); at the samples they are not.
     """
 
     points: FloatArray
