@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Literal, NoReturn
 
 import cyclopts
 from cyclopts import Parameter
@@ -25,6 +25,7 @@ from vfm_sdm.environment import describe_environment
 from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.measurement import Run, measure
 from vfm_sdm.pipeline import Progress as Callback
+from vfm_sdm.results import write_mat, write_uff
 from vfm_sdm.session import read_session
 
 __all__ = ["app", "main"]
@@ -37,6 +38,8 @@ app = cyclopts.App(
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]
+
+_EXPORTS = {"mat": write_mat, "uff": write_uff}
 
 _out = Console()
 _err = Console(stderr=True)
@@ -72,7 +75,14 @@ def demo(output: Annotated[Path, Parameter(help="Folder to write to.")] = Path("
 
 
 @app.command(name="measure")
-def measure_command(session: _SessionFile, *, output: _Output) -> None:
+def measure_command(
+    session: _SessionFile,
+    *,
+    output: _Output,
+    export: Annotated[
+        tuple[Literal["mat", "uff"], ...], Parameter(help="Also write displacement.mat or displacement.uff (UFF 58).")
+    ] = (),
+) -> None:
     """Measure a session: from recordings to displacement in millimetres, with figures and summary.
 
     Finished stages in the run folder are reused unless their inputs changed.
@@ -85,6 +95,8 @@ def measure_command(session: _SessionFile, *, output: _Output) -> None:
     _out.print(f"written: {output} (figures in {output / 'figures'})")
     if result.displacement is None:
         _fail(f"no displacement: {result.cameras.status}")
+    for form in export:
+        _out.print(f"written: {_EXPORTS[form](output, result.displacement)}")
 
 
 @app.command

@@ -39,8 +39,10 @@ def test_measure(command, session_file, tmp_path):
     assert "p-p" in out
     assert "measure site.perpendicular_distance" in out
     assert (tmp_path / "run" / "displacement.csv").exists()
-    status, out, _ = command("measure", session_file, "-o", tmp_path / "run")
+    status, out, _ = command("measure", session_file, "-o", tmp_path / "run", "--export", "mat", "--export", "uff")
     assert status == 0
+    assert (tmp_path / "run" / "displacement.mat").exists()
+    assert (tmp_path / "run" / "displacement.uff").exists()
     assert "reused from the run folder: cameras, tracking" in out
 
 

@@ -109,6 +109,11 @@ def _dot(faces: FloatArray, k: int, column: int, vector: _Vector) -> float:
 
 
 @nb.njit(error_model="numpy", forceinline=True)
+def _minus(first: _Vector, second: _Vector) -> _Vector:
+    return first[0] - second[0], first[1] - second[1], first[2] - second[2]
+
+
+@nb.njit(error_model="numpy", forceinline=True)
 def _shift_at(values: FloatArray, first: int, count: int, position: float) -> _Vector:
     """Displacement at a position in a table, linear between its rows, constant beyond them."""
     index = min(max(int(position), 0), max(count - 2, 0))
@@ -123,10 +128,10 @@ def _shift_at(values: FloatArray, first: int, count: int, position: float) -> _V
 
 
 @nb.njit(error_model="numpy", forceinline=True)
-def _meet(faces: FloatArray, layout: _Int64Array, values: FloatArray, k: int, ray: _Vector, margin: float) -> _Vector:
+def _meet(faces: FloatArray, layout: _Int64Array, values: FloatArray, k: int, ray: _Vector) -> _Vector:
     """Distance along a ray to a face's plane, and where it meets it at rest, along u and v.
 
-    (-1, 0, 0) for a miss by more than ``margin`` times what the displacement and `SLACK_PX` explain.
+    (-1, 0, 0) for a miss by more than the displacement and `SLACK_PX` explain.
 
     A point of a moving face is displaced by the value at its own place at rest, which a fixed-point iteration finds.
     Its error shrinks by the slope of the deflection curve (1e-3) a step, so that two steps leave 1e-8 m of a
@@ -137,7 +142,7 @@ def _meet(faces: FloatArray, layout: _Int64Array, values: FloatArray, k: int, ra
     ray_u, ray_v = _dot(faces, k, UNIT_U, ray), _dot(faces, k, UNIT_V, ray)
     a, b = along * ray_u - faces[k, OFFSET + 1], along * ray_v - faces[k, OFFSET + 2]
     # A displacement moves the meeting point by itself and by its normal part times the tangent of the incidence.
-    slack = margin * faces[k, REACH] * (1 + abs(inverse) * (abs(ray_u) + abs(ray_v)))
+    slack = faces[k, REACH] * (1 + abs(inverse) * (abs(ray_u) + abs(ray_v)))
     inside = -slack <= a <= faces[k, LENGTH] + slack and -slack <= b <= faces[k, LENGTH + 1] + slack
     if not (inside and along > 0):  # written so that infinity and NaN of a ray within the plane miss it
         return -1.0, 0.0, 0.0
@@ -164,7 +169,7 @@ def _cast(
         k = candidates[tile[0], tile[1], n]
         if k < 0:
             break
-        along, a, b = _meet(faces, layout, values, k, ray, 1.0)
+        along, a, b = _meet(faces, layout, values, k, ray)
         if 0 < along < nearest and 0 <= a <= faces[k, LENGTH] and 0 <= b <= faces[k, LENGTH + 1]:
             best, best_a, best_b, nearest = k, a, b, along
     return best, best_a, best_b
@@ -217,12 +222,27 @@ def _linearize(
     Parameters
     ----------
     rays
-        Through the centre, and half a pixel to the right and below.
+        Through the centre, and one pixel to the right and below.
     """
-    d0, a0, b0 = _meet(faces, layout, values, k, rays[0], 1.0)
-    d1, a1, b1 = _meet(faces, layout, values, k, rays[1], 2.0)
-    d2, a2, b2 = _meet(faces, layout, values, k, rays[2], 2.0)
-    return (d0, a0, b0), (2 * (d1 - d0), 2 * (a1 - a0), 2 * (b1 - b0)), (2 * (d2 - d0), 2 * (a2 - a0), 2 * (b2 - b0))
+    along, a, b = _meet(faces, layout, values, k, rays[0])
+    inverse = 1.0 / _dot(faces, k, NORMAL, rays[0])
+    ray_u, ray_v = _dot(faces, k, UNIT_U, rays[0]), _dot(faces, k, UNIT_V, rays[0])
+    by_column, by_row = _minus(rays[1], rays[0]), _minus(rays[2], rays[0])
+    farther = -along * inverse * _dot(faces, k, NORMAL, by_column)
+    further = -along * inverse * _dot(faces, k, NORMAL, by_row)
+    return (
+        (along, a, b),
+        (
+            farther,
+            farther * ray_u + along * _dot(faces, k, UNIT_U, by_column),
+            farther * ray_v + along * _dot(faces, k, UNIT_V, by_column),
+        ),
+        (
+            further,
+            further * ray_u + along * _dot(faces, k, UNIT_U, by_row),
+            further * ray_v + along * _dot(faces, k, UNIT_V, by_row),
+        ),
+    )
 
 
 @nb.njit(error_model="numpy", forceinline=True)
@@ -372,34 +392,40 @@ def render_pixels(arrays: _Arrays, values: FloatArray, plan: _FaceImage, luma: _
             if k == SEARCH:
                 k, a, b = _cast(faces, layout, values, candidates, (row // TILE, column // TILE), ray)
             else:
-                _, a, b = _meet(faces, layout, values, k, ray, 1.0)
+                _, a, b = _meet(faces, layout, values, k, ray)
             face[row, column] = k
             luma[row, column] = sky if k < 0 else _sample(faces, layout, coefficients, k, a, b)
 
 
 @nb.njit(cache=True, error_model="numpy", parallel=True)
-def smooth_edges(arrays: _Arrays, values: FloatArray, plan: _FaceImage, luma: _LumaImage, face: _FaceImage) -> None:
+def smooth_edges(arrays: _Arrays, values: FloatArray, edges: BoolArray, luma: _LumaImage, face: _FaceImage) -> None:
     """Blends the faces around an edge by how much of the pixel's point spread each covers, in place.
 
-    Parameters are those of `render_pixels`. A function of its own, because it needs the faces of the neighbouring
-    rows complete. Two faces are blended in closed form, more by samples. Textures are taken at the pixel's centre, a
-    little beyond the edge for some: they are what the camera makes of the surface, whereas an edge must still be
-    blurred, or the image would alias.
+    A function of its own, because it needs the faces of the neighbouring rows complete. Two faces are blended in
+    closed form, more by samples. Textures are taken at the pixel's centre, a little beyond the edge for some: they
+    are what the camera makes of the surface, whereas an edge must still be blurred, or the image would alias.
+
+    Parameters
+    ----------
+    arrays, values, luma, face
+        As in `render_pixels`.
+    edges
+        Pixels that an edge may reach, shape (H, W).
     """
     faces, layout, coefficients, R, rays, candidates, sky = arrays
-    height, width = plan.shape
+    height, width = edges.shape
     for row in nb.prange(height):
         near = np.empty((candidates.shape[2], 11))
         for column in range(width):
-            if plan[row, column] != SEARCH:
+            if not edges[row, column]:
                 continue
             kinds, other = _neighbours(face, row, column)
             if kinds == 1:
                 continue
             three = (
                 _ray(R, rays, row, column, 0.0, 0.0),
-                _ray(R, rays, row, column, 0.5, 0.0),
-                _ray(R, rays, row, column, 0.0, 0.5),
+                _ray(R, rays, row, column, 1.0, 0.0),
+                _ray(R, rays, row, column, 0.0, 1.0),
             )
             if kinds == 2:
                 here = int(face[row, column])
@@ -438,4 +464,4 @@ def mark_tiles(arrays: _Arrays, values: FloatArray, marks: BoolArray) -> None:
                 ray = _ray(R, rays, row, column, 0.0, 0.0)
                 for k in range(marks.shape[0]):
                     if not marks[k, tile_row, column // TILE]:
-                        marks[k, tile_row, column // TILE] = _meet(faces, layout, values, k, ray, 1.0)[0] > 0
+                        marks[k, tile_row, column // TILE] = _meet(faces, layout, values, k, ray)[0] > 0

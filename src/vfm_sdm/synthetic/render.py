@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import parallel_chunksize
 from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 
-from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.arrays import BoolArray, FloatArray, as_float_array
 from vfm_sdm.errors import CameraError, DatasetError
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.synthetic.raycast import (
@@ -79,12 +79,14 @@ class Renderer:
         self.scene = scene
         self.camera = camera
         self._reach_m = float(reach_m)
+        self._shift_px = _largest_shift(scene, camera, reach_m)
         self._stations = _Stations(scene.faces, reach_m)
         self._arrays = _cast_arrays(scene, camera, self._stations, self._reach_m)
         self._arrays = self._arrays._replace(candidates=self._candidates())
         height, width = camera.image_size[::-1]
         luma, face = np.empty((height, width), np.float32), np.empty((height, width), np.int16)
-        self._draw(self._stations.values(None), np.full((height, width), SEARCH, np.int16), luma, face)
+        everywhere = np.full((height, width), SEARCH, np.int16), np.ones((height, width), np.bool_)
+        self._draw(self._stations.values(None), everywhere, luma, face)
         for array in (luma, face):
             array.flags.writeable = False
         self.luma_at_rest, self.face_at_rest = luma, face
@@ -123,45 +125,47 @@ class Renderer:
         planes = np.clip(np.rint(mean + _NEUTRAL_CHROMA), 16, 240).astype(np.uint8)
         return np.ascontiguousarray(planes.transpose(2, 0, 1))
 
-    def _draw(self, values: FloatArray, plan: _FaceImage, luma: npt.NDArray[np.float32], face: _FaceImage) -> None:
+    def _draw(
+        self,
+        values: FloatArray,
+        plan: tuple[_FaceImage, BoolArray],
+        luma: npt.NDArray[np.float32],
+        face: _FaceImage,
+    ) -> None:
         arrays = self._arrays.plain()
         # Small chunks of rows, because most of the work is in some of them.
         with parallel_chunksize(_CHUNK_ROWS):
-            render_pixels(arrays, values, plan, luma, face)
-            smooth_edges(arrays, values, plan, luma, face)
+            render_pixels(arrays, values, plan[0], luma, face)
+            smooth_edges(arrays, values, plan[1], luma, face)
 
     def _candidates(self) -> npt.NDArray[np.int64]:
         """Faces that each tile may show, also when displaced, shape (tiles_v, tiles_u, most); padded with -1."""
         width, height = self.camera.image_size
         marks = np.zeros((len(self.scene.faces), -(-height // TILE), -(-width // TILE)), np.bool_)
         mark_tiles(self._arrays.plain(), self._stations.values(None), marks)
-        steps = 1 + self._margin_px() // TILE
+        steps = 1 + (self._shift_px + EDGE_PX) // TILE
         near = np.stack([binary_dilation(mark, np.ones((3, 3), np.bool_), iterations=steps) for mark in marks])
         most = max(1, int(near.sum(axis=0).max()))
         order = np.argsort(~near, axis=0, kind="stable")[:most]
         listed = np.where(np.take_along_axis(near, order, axis=0), order, -1)
         return np.ascontiguousarray(listed.transpose(1, 2, 0))
 
-    def _margin_px(self) -> int:
-        """Bound on how far from its place at rest a moving edge changes pixels, point spread included."""
-        moving = [face for face in self.scene.faces if face.moving]
-        gains = [_pixels_per_metre(face, self.camera) for face in moving]
-        return int(np.ceil(1.1 * self._reach_m * max(gains, default=0.0))) + EDGE_PX if moving else 0
+    def _plan_pixels(self) -> tuple[_FaceImage, BoolArray]:
+        """What a frame must draw again, and where it must look for edges (see `render_pixels`, `smooth_edges`)."""
+        moving = np.array([*(face.moving for face in self.scene.faces), False])[self.face_at_rest]
+        if not moving.any() and self._shift_px == 0:
+            return np.full_like(self.face_at_rest, KEEP), np.zeros_like(moving)
+        reached = maximum_filter(moving, 2 * (self._shift_px + EDGE_PX) + 1, mode="nearest")
+        mixed, edges = (self._mixed(self._shift_px + reach) for reach in (0, EDGE_PX))
+        plan = np.where(reached | _border(moving.shape, self._shift_px), self.face_at_rest, KEEP)
+        plan[mixed & (plan != KEEP)] = SEARCH
+        return plan.astype(np.int16), edges & (plan != KEEP)
 
-    def _plan_pixels(self) -> _FaceImage:
-        """What a frame must draw again, and where it need not search for the face (see `render_pixels`)."""
-        margin = self._margin_px()
-        if margin == 0:
-            return np.full_like(self.face_at_rest, KEEP)
-        side = 2 * margin + 1
-        lowest, highest = (f(self.face_at_rest, side, mode="nearest") for f in (minimum_filter, maximum_filter))
-        moving = np.array([*(face.moving for face in self.scene.faces), False])
-        reached = maximum_filter(moving[self.face_at_rest], side, mode="nearest")
-        plan = np.where(reached, np.where(lowest == highest, self.face_at_rest, SEARCH), KEEP)
-        # What is just outside the image may come in.
-        inner = np.zeros(plan.shape, np.bool_)
-        inner[margin:-margin, margin:-margin] = True
-        return np.where(inner, plan, SEARCH).astype(np.int16)
+    def _mixed(self, radius: int) -> BoolArray:
+        """Pixels with more than one face within a square; those at the border, beyond which more may be."""
+        lowest = minimum_filter(self.face_at_rest, 2 * radius + 1, mode="nearest")
+        highest = maximum_filter(self.face_at_rest, 2 * radius + 1, mode="nearest")
+        return np.asarray((lowest != highest) | _border(lowest.shape, radius))
 
 
 class _Stations:
@@ -258,14 +262,27 @@ def _pixel_rays(camera: Camera) -> FloatArray:
     return np.ascontiguousarray(rays)
 
 
+def _border(shape: tuple[int, ...], width: int) -> BoolArray:
+    """Pixels less than ``width`` from the border of the image."""
+    border = np.ones(shape, np.bool_)
+    border[width : shape[0] - width, width : shape[1] - width] = False
+    return border
+
+
+def _largest_shift(scene: Scene, camera: Camera, reach_m: float) -> int:
+    """Bound on how far a moving point shifts in the image [px]; 0 where nothing moves."""
+    gains = [_pixels_per_metre(face, camera) for face in scene.faces if face.moving]
+    return int(np.ceil(1.1 * reach_m * max(gains))) + 1 if gains else 0
+
+
 def _pixels_per_metre(face: Face, camera: Camera) -> float:
     """Largest shift in the image of a visible point of the face, for a displacement of 1 m in any direction [px/m]."""
     share = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, _GRID)]), axis=-1).reshape(-1, 2)
     points = face.points3d(share * face.size_m)
-    pixel = camera.project(points)
-    margin = 0.05 * np.asarray(camera.image_size)
-    points = points[np.all((pixel > -margin) & (pixel < np.asarray(camera.image_size) + margin), axis=1)]
     step = 1e-4
-    shifts = [camera.project(points + step * axis) - camera.project(points) for axis in np.eye(3)]
-    jacobian = np.stack(shifts, axis=-1) / step
+    moved = camera.project(points + step * np.vstack([np.zeros(3), np.eye(3)])[:, None])
+    margin = 0.05 * np.asarray(camera.image_size)
+    with np.errstate(invalid="ignore"):
+        seen = np.all((moved[0] > -margin) & (moved[0] < np.asarray(camera.image_size) + margin), axis=1)
+    jacobian = ((moved[1:] - moved[0])[:, seen] / step).transpose(1, 2, 0)
     return float(np.linalg.norm(jacobian, ord=2, axis=(1, 2)).max(initial=0.0))
