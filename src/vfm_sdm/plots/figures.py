@@ -126,7 +126,8 @@ def _figure(rows_in: float) -> Figure:
 
     An automatic layout would draw every figure twice.
     """
-    left, right, bottom, top = 0.85, 0.2, 0.75, 0.75
+    # The left one holds tick labels of eight characters and the axis label.
+    left, right, bottom, top = 1.2, 0.2, 0.75, 0.75
     width, height = left + _WIDTH_IN + right, bottom + rows_in + top
     figure = Figure(figsize=(width, height))
     figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)

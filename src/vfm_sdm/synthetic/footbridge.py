@@ -266,7 +266,7 @@ def _add_railings(builder: _Builder, site: FootbridgeSite) -> None:
     for number in range(int(L / _POST_SPACING_M)):
         corner = (X - 0.09, -1.6, Z + (number + 0.25) * _POST_SPACING_M)
         builder.add(f"post {number}", corner, (_along(0.06), _down(1.1)), _GALVANISED, moving=True)
-    for number, height in enumerate((-0.74, -0.94, -1.14)):
+    for number, height in enumerate((-0.74, -0.94)):
         corner = (X - 0.1, height, Z)
         builder.add(f"rail {number}", corner, (_along(L), _down(0.045)), _GALVANISED, moving=True)
     builder.add("far kerb", (X + 1.6, -0.78, Z), (_along(L), _down(0.4)), _CONCRETE, moving=True)

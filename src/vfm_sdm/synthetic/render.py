@@ -155,11 +155,11 @@ class Renderer:
         moving = np.array([*(face.moving for face in self.scene.faces), False])[self.face_at_rest]
         if not moving.any() and self._shift_px == 0:
             return np.full_like(self.face_at_rest, KEEP), np.zeros_like(moving)
-        reached = maximum_filter(moving, 2 * (self._shift_px + EDGE_PX) + 1, mode="nearest")
-        mixed, edges = (self._mixed(self._shift_px + reach) for reach in (0, EDGE_PX))
-        plan = np.where(reached | _border(moving.shape, self._shift_px), self.face_at_rest, KEEP)
-        plan[mixed & (plan != KEEP)] = SEARCH
-        return plan.astype(np.int16), edges & (plan != KEEP)
+        reach = self._shift_px + EDGE_PX
+        # What is just outside the image may come in.
+        reached = maximum_filter(moving, 2 * reach + 1, mode="nearest") | _border(moving.shape, reach)
+        plan = np.where(self._mixed(self._shift_px), SEARCH, self.face_at_rest)
+        return np.where(reached, plan, KEEP).astype(np.int16), self._mixed(reach) & reached
 
     def _mixed(self, radius: int) -> BoolArray:
         """Pixels with more than one face within a square; those at the border, beyond which more may be."""

@@ -59,8 +59,8 @@ def test_a_range_of_half_a_per_cent_brings_the_scale_below_one_per_cent():
     ("count", "draw"),
     [
         (200, {"shared_error_px": 0.0}),
-        (80, {"shared_error_px": 0.2}),
-        (80, {"center_std": 0.015, "corner_distortion_std": 0.025}),
+        (50, {"shared_error_px": 0.2}),
+        (50, {"center_std": 0.015, "corner_distortion_std": 0.025}),
     ],
     ids=["focal lengths", "and matches that err together", "and principal point and distortion"],
 )
