@@ -3,11 +3,28 @@
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.arrays import BoolArray, FloatArray, as_float_array
+from vfm_sdm.arrays import BoolArray, FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.camera import Camera, Rig, distort_derivative
 
-__all__ = ["compute_reprojection_error", "in_front_of_all", "sampson_error", "triangulate"]
+__all__ = [
+    "compute_reprojection_error",
+    "in_front_of_all",
+    "sampson_error",
+    "triangulate",
+    "triangulate_with_slope",
+    "view_equations",
+]
+
+_SETTLED = 1e-6
+"""Relative size of a point's last correction below which it is found: the next would be about the square of it."""
+_CORRECTIONS = 6
+_SINGULAR = 1e-13
+"""Share of the largest pivot below which a system counts as singular."""
+_ROUNDING = 1e-26
+"""Share of the largest pivot that rounding may add to a squared residual."""
+
+_Factors = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 def triangulate(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
@@ -42,19 +59,173 @@ def triangulate(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
             f"points2d: expected one entry for each of at least two cameras, got shape {u.shape} for {len(rig)} "
             "cameras; stack the views along the first axis"
         )
-    rows = []
-    for camera, pixels in zip(rig.cameras, u, strict=True):
-        x = camera.normalize(pixels)
-        pose = camera.cam_from_world
-        # Rows of the normalised equations times fx, fy are the rows of Eq. (3): the error stays one of pixels.
-        rows.append(camera.K[0, 0] * (x[..., 0, None] * pose[2] - pose[0]))
-        rows.append(camera.K[1, 1] * (x[..., 1, None] * pose[2] - pose[1]))
-    A = np.stack(rows, axis=-2)
-    valid = np.isfinite(A).all(axis=(-2, -1))
-    solution = np.linalg.svd(np.where(valid[..., None, None], A, 0.0))[2][..., -1, :]
-    at_infinity = np.abs(solution[..., 3]) < 1e-12 * np.linalg.norm(solution, axis=-1)
-    weight = np.where(valid & ~at_infinity, solution[..., 3], np.nan)
-    return solution[..., :3] / weight[..., None]
+    equations = [view_equations(c, c.normalize(p.reshape(-1, 2))) for c, p in zip(rig.cameras, u, strict=True)]
+    points3d = _solve_equations(np.concatenate(equations))[0]
+    return np.ascontiguousarray(points3d.T).reshape(*u.shape[1:-1], 3)
+
+
+def view_equations(camera: Camera, normalized: FloatArray) -> FloatArray:
+    """The two equations of the linear method that one view contributes for each point.
+
+    Parameters
+    ----------
+    camera
+        Its pose is in the frame of the wanted points.
+    normalized
+        Undistorted normalised coordinates, shape (N, 2), of `Camera.normalize`.
+
+    Returns
+    -------
+    equations
+        Shape (2, 4, N) [px]: rows whose product with the homogeneous point is zero.
+
+    Notes
+    -----
+    The rows of the normalised equations are taken times fx and fy, which makes them those of Eq. (3): the error stays
+    one of pixels.
+    """
+    pose = camera.cam_from_world
+    equations = np.empty((2, 4, len(normalized)))
+    for row, focal in enumerate((camera.K[0, 0], camera.K[1, 1])):
+        np.multiply.outer(focal * pose[2], normalized[:, row], out=equations[row])
+        equations[row] -= (focal * pose[row])[:, None]
+    return equations
+
+
+def triangulate_with_slope(
+    equations: tuple[FloatArray, FloatArray], camera: Camera, normalized: FloatArray, *, view: int
+) -> tuple[FloatArray, FloatArray]:
+    """Points seen by two cameras, and how they move with the pixel coordinate u of one of them.
+
+    Parameters
+    ----------
+    equations
+        Of `view_equations`, of both views.
+    camera, normalized
+        The view whose u moves: its camera, and its undistorted normalised coordinates, shape (N, 2).
+    view
+        Its index.
+
+    Returns
+    -------
+    points3d
+        Shape (3, N), as `triangulate` finds them.
+    slope
+        Shape (3, N) [length unit a px]; NaN where the rays are nearly parallel.
+
+    Notes
+    -----
+    The derivative of ``(M - s I) X = -b`` (see `_solve_equations`), with A' that of A, is
+    ``(M - s I) X' = s' X - (A'^T A x + A^T A' x)``, where ``s' = 2 (A x)^T (A' x) / x^T x``. Of A only the two rows of
+    the view change, each by a multiple of the third row of its pose.
+    """
+    A = np.concatenate(equations)
+    X, residual, factors, doubtful = _solve_equations(A)
+    axis = camera.cam_from_world[2]
+    rate_u, rate_v = _equation_rates(camera, normalized)
+    row = A[2 * view : 2 * view + 2, :3]
+    depth = axis[:3] @ X + axis[3]
+    push = rate_u * residual[2 * view] + rate_v * residual[2 * view + 1]
+    change = depth * (rate_u * row[0] + rate_v * row[1]) + push * axis[:3, None]
+    slope = _solve(factors, 2 * depth * push / (1 + np.einsum("in,in->n", X, X)) * X - change)
+    slope[:, doubtful] = np.nan
+    return X, slope
+
+
+def _equation_rates(camera: Camera, normalized: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
+    """Multiples of the third row of the pose by which the two equations grow with u, scalars or shape (N,) [1]."""
+    if not np.any(camera.distortion):
+        return 1.0, 0.0
+    jacobian = distort_derivative(normalized, camera.distortion)
+    xx, xy, yy = jacobian[:, 0, 0], jacobian[:, 0, 1], jacobian[:, 1, 1]
+    determinant = xx * yy - xy * xy
+    return yy / determinant, -camera.K[1, 1] / camera.K[0, 0] * xy / determinant
+
+
+def _solve_equations(A: FloatArray) -> tuple[FloatArray, FloatArray, _Factors, IntArray]:
+    """Points that fit all equations best.
+
+    Parameters
+    ----------
+    A
+        Shape (R, 4, N).
+
+    Returns
+    -------
+    points3d
+        Shape (3, N); NaN where an equation is NaN or the rays are parallel.
+    residual
+        ``A x`` with ``x = (X, 1)``, shape (R, N).
+    factors
+        Of ``M - s I``, see below.
+    doubtful
+        Indices of points that went through a singular value decomposition, whose residual and factors mean nothing.
+
+    Notes
+    -----
+    The right singular vector x of the smallest singular value of A solves ``(A^T A - s I) x = 0`` with the smallest
+    eigenvalue s. Its first three rows, ``(M - s I) X = -b``, are solved from s = 0 on with residuals taken from A, so
+    that the conditioning is that of A and not of its square. Eigenvalues interlace: where ``M - s I`` is positive
+    definite, s is below all eigenvalues of M and therefore the smallest of ``A^T A``. Points for which this or
+    convergence cannot be shown go through the decomposition.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        normal = np.einsum("rin,rjn->ijn", A[:, :3], A)
+        X = -_solve(_factorize(normal, 0.0), normal[:, 3])
+        residual, share = _residual(A, X)
+        for _ in range(_CORRECTIONS):
+            factors, shift = _factorize(normal, share), share
+            step = _solve(factors, share * X - np.einsum("rin,rn->in", A[:, :3], residual))
+            X = X + step
+            residual, share = _residual(A, X)
+            moving = np.abs(step).max(axis=0) > _SETTLED * np.abs(X).max(axis=0)
+            if not moving.any():
+                break
+        largest = np.maximum(np.maximum(*factors[:2]), factors[2])
+        least = np.minimum(np.minimum(*factors[:2]), factors[2])
+        smallest = (least > _SINGULAR * largest) & (share <= 1.001 * shift + _ROUNDING * largest)
+    doubtful = np.flatnonzero(~smallest | moving)
+    if doubtful.size:
+        X[:, doubtful] = _solve_by_svd(A[:, :, doubtful])
+    return X, residual, factors, doubtful
+
+
+def _residual(A: FloatArray, X: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``A x`` and its squared length over that of ``x = (X, 1)``; (R, 4, N), (3, N) to (R, N) and (N,)."""
+    residual = np.einsum("rin,in->rn", A[:, :3], X) + A[:, 3]
+    return residual, np.einsum("rn,rn->n", residual, residual) / (1 + np.einsum("in,in->n", X, X))
+
+
+def _factorize(normal: FloatArray, shift: FloatArray | float) -> _Factors:
+    """L D L^T of the symmetric 3 x 3 matrices (3, 3+, N) less ``shift`` I: three pivots, then l10, l20, l21."""
+    d0 = normal[0, 0] - shift
+    l10, l20 = normal[0, 1] / d0, normal[0, 2] / d0
+    d1 = normal[1, 1] - shift - l10 * normal[0, 1]
+    e21 = normal[1, 2] - l20 * normal[0, 1]
+    l21 = e21 / d1
+    d2 = normal[2, 2] - shift - l20 * normal[0, 2] - l21 * e21
+    return d0, d1, d2, l10, l20, l21
+
+
+def _solve(factors: _Factors, right: FloatArray) -> FloatArray:
+    """Solutions of the factorised systems, (3, N) to (3, N)."""
+    d0, d1, d2, l10, l20, l21 = factors
+    solution = np.empty_like(right)
+    y1 = right[1] - l10 * right[0]
+    z2 = solution[2] = (right[2] - l20 * right[0] - l21 * y1) / d2
+    z1 = solution[1] = y1 / d1 - l21 * z2
+    solution[0] = right[0] / d0 - l10 * z1 - l20 * z2
+    return solution
+
+
+def _solve_by_svd(A: FloatArray) -> FloatArray:
+    """Points (3, N) from equations (R, 4, N); NaN where an equation is NaN or the rays are parallel."""
+    stacked = np.moveaxis(A, -1, 0)
+    valid = np.asarray(np.isfinite(stacked).all(axis=(-2, -1)))
+    solution = np.linalg.svd(np.where(valid[:, None, None], stacked, 0.0))[2][:, -1]
+    at_infinity = np.abs(solution[:, 3]) < 1e-12 * np.linalg.norm(solution, axis=-1)
+    weight = np.where(valid & ~at_infinity, solution[:, 3], np.nan)
+    return np.asarray((solution[:, :3] / weight[:, None]).T)
 
 
 def compute_reprojection_error(points3d: npt.ArrayLike, points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
