@@ -4,19 +4,26 @@ from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicSpline, interp1d
+from scipy.interpolate import interp1d
 
 from vfm_sdm.arrays import FloatArray, IntArray
 from vfm_sdm.datasets import Status, check_tracks
 from vfm_sdm.errors import DatasetError
+from vfm_sdm.synchronize.resampling import interpolate_runs
 
 __all__ = ["align_views"]
 
 _SAME_CLOCK = 1e-3
 """Share of a frame interval below which two clocks count as one."""
+_LARGEST_RATE_ERROR = 0.01
+"""Clocks are never this far apart; a wrong frame rate is."""
 
 
-def align_views(tracks_by_view: Mapping[str, xr.Dataset], offsets_s: Mapping[str, float] | None = None) -> xr.Dataset:
+def align_views(
+    tracks_by_view: Mapping[str, xr.Dataset],
+    offsets_s: Mapping[str, float] | None = None,
+    rate_ratios: Mapping[str, float] | None = None,
+) -> xr.Dataset:
     """Tracks of all views on the clock of the first, which is the reference.
 
     Parameters
@@ -24,7 +31,11 @@ def align_views(tracks_by_view: Mapping[str, xr.Dataset], offsets_s: Mapping[str
     tracks_by_view
         One tracks dataset a view, with the same points in the same order.
     offsets_s
-        Seconds by which a view's first frame happens later than the reference view's first frame.
+        Seconds by which a view's first frame happens later than the reference view's first frame; of an estimate:
+        `Synchronization.offset_s`. This is the opposite sign of a lag: an event shows up earlier in a late recording.
+    rate_ratios
+        Seconds of the reference clock a second of a view's own clock (`Synchronization.rate_ratio`): an own stamp t
+        is ``t * rate_ratio + offset`` on the reference clock. Above 1 the view's clock is slow.
 
     Returns
     -------
@@ -35,13 +46,13 @@ def align_views(tracks_by_view: Mapping[str, xr.Dataset], offsets_s: Mapping[str
     Raises
     ------
     DatasetError
-        Points differ, or the recordings do not overlap by at least two frames.
+        Points differ, a ratio is not near 1, or the recordings do not overlap by at least two frames.
 
     Notes
     -----
     Views whose stamps agree to a thousandth of a frame interval are taken as they are. Otherwise positions are
-    interpolated by a cubic spline over runs of valid samples, which keeps the amplitude of motion well below the
-    Nyquist frequency; a sample next to a gap becomes NaN (lost) instead of being extrapolated.
+    interpolated by splines over runs of valid samples, which keep amplitudes to 0.05 % up to 0.4 of the Nyquist
+    frequency (`interpolate_runs`); a sample next to a gap becomes NaN (lost) instead of being extrapolated.
     """
     names = list(tracks_by_view)
     reference = check_tracks(tracks_by_view[names[0]])
@@ -50,7 +61,12 @@ def align_views(tracks_by_view: Mapping[str, xr.Dataset], offsets_s: Mapping[str
     for name, tracks in tracks_by_view.items():
         if list(check_tracks(tracks)["point"].values) != points:
             raise DatasetError(f"view {name!r}: expected points {points}, got {list(tracks['point'].values)}; retrack")
-        clocks[name] = tracks["time"].values + (offsets_s or {}).get(name, 0.0)
+        ratio = (rate_ratios or {}).get(name, 1.0)
+        if not abs(ratio - 1) < _LARGEST_RATE_ERROR:
+            raise DatasetError(
+                f"view {name!r}: expected a rate ratio near 1, got {ratio}; correct the frame rate instead"
+            )
+        clocks[name] = tracks["time"].values * ratio + (offsets_s or {}).get(name, 0.0)
     start = max(clock[0] for clock in clocks.values())
     stop = min(clock[-1] for clock in clocks.values())
     clock = clocks[names[0]]
@@ -79,7 +95,7 @@ def _on_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack: flo
         return tracks.isel(time=nearest).assign_coords(time=("time", want, {"units": "s"})), False
     position = np.full((want.size, tracks.sizes["point"], 2), np.nan)
     for index in range(tracks.sizes["point"]):
-        position[:, index] = _interpolate_runs(have, tracks["position"].values[:, index], want)
+        position[:, index] = interpolate_runs(have, tracks["position"].values[:, index], want)
     before = np.clip(np.searchsorted(have, want, side="right") - 1, 0, have.size - 2)
     status = _worse(tracks["status"].values[before], tracks["status"].values[before + 1])
     status = np.where(np.isnan(position).any(axis=-1) & (status == Status.OK), Status.LOST, status)
@@ -90,19 +106,6 @@ def _on_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack: flo
     moved["position_covariance"] = moved["position_covariance"].copy(data=covariance)
     moved["status"] = moved["status"].copy(data=status.astype(np.int8))
     return moved, True
-
-
-def _interpolate_runs(have: FloatArray, values: FloatArray, want: FloatArray) -> FloatArray:
-    """Cubic interpolation of every unbroken run of valid samples, NaN between the runs; (T, 2) to (T', 2)."""
-    result = np.full((want.size, 2), np.nan)
-    valid = np.isfinite(values).all(axis=-1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if last - first < 2:
-            continue
-        inside = (want >= have[first]) & (want <= have[last - 1])
-        result[inside] = CubicSpline(have[first:last], values[first:last])(want[inside])
-    return result
 
 
 def _worse(first: IntArray, second: IntArray) -> IntArray:
