@@ -11,10 +11,14 @@ from vfm_sdm.datasets import (
     STATUS_MEANINGS,
     STRUCTURE_AXES,
     Status,
+    check_acceleration,
     check_displacement,
+    check_reference,
     check_tracks,
     convert_units,
+    make_acceleration,
     make_displacement,
+    make_reference,
     make_tracks,
     status_variable,
 )
@@ -210,3 +214,71 @@ def test_every_error_is_also_a_built_in_one():
     assert issubclass(DatasetError, ValueError)
     assert issubclass(SessionError, ValueError)
     assert issubclass(DatasetError, VfmSdmError)
+
+
+def acceleration(**changes):
+    arguments = {
+        "time_s": 5 + np.arange(6) / 64,
+        "sensors": ["a", "b"],
+        "axes": STRUCTURE_AXES[:2],
+        "acceleration": np.arange(24.0).reshape(6, 2, 2),
+        "sampling_rate_hz": 64.0,
+    } | changes
+    return make_acceleration(**arguments)
+
+
+def reference(**changes):
+    arguments = {
+        "time_s": np.arange(6) / 30,
+        "sensors": ["a"],
+        "axes": STRUCTURE_AXES,
+        "displacement_mm": np.zeros((6, 1, 3)),
+        "sampling_rate_hz": 30.0,
+        "onset_s": 0.1,
+        "band_hz": (1.0, 10.0),
+        "attrs": {"onset_status": "detected"},
+    } | changes
+    return make_reference(**arguments)
+
+
+def test_sensor_datasets_name_their_axes_units_and_attributes(tmp_path):
+    data = acceleration(attrs={"file": "a.csv"})
+    assert data["acceleration"].dims == ("time", "sensor", "axis")
+    assert data["acceleration"].attrs["units"] == "m/s2"
+    assert data.attrs == {"sampling_rate_hz": 64.0, "file": "a.csv"}
+    assert float(data["acceleration"].sel(sensor="b", axis="vertical").isel(time=1)) == 7
+    data = reference()
+    assert data["displacement"].dims == ("time", "sensor", "axis")
+    assert data["displacement"].attrs["units"] == "mm"
+    assert data.attrs == {
+        "sampling_rate_hz": 30.0,
+        "onset_s": 0.1,
+        "band_hz": [1.0, 10.0],
+        "onset_status": "detected",
+    }
+    data.to_netcdf(tmp_path / "reference.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "reference.nc", engine="h5netcdf", decode_times=False) as again:
+        check_reference(again)
+        assert list(again.attrs["band_hz"]) == [1.0, 10.0]
+
+
+def test_sensor_datasets_with_a_fault_are_refused():
+    with pytest.raises(DatasetError, match=r"acceleration: expected shape \(time, sensor, axis\)"):
+        acceleration(sensors=["a"])
+    with pytest.raises(DatasetError, match=r"reference: expected shape \(time, sensor, axis\)"):
+        reference(sensors=["a", "b"])
+    with pytest.raises(DatasetError, match=r"expected t0 \+ i / 60 s, got 5.015625 s as sample 1; cut"):
+        acceleration(sampling_rate_hz=60)
+    for rate in (0, -1, float("nan"), float("inf")):
+        with pytest.raises(DatasetError, match="sampling_rate_hz: expected an attribute > 0 Hz"):
+            acceleration(sampling_rate_hz=rate)
+    with pytest.raises(DatasetError, match="time: expected finite, increasing seconds"):
+        reference(time_s=np.zeros(6))
+    with pytest.raises(DatasetError, match="units 'm/s2'"):
+        check_acceleration(acceleration().assign(acceleration=lambda d: d["acceleration"].drop_attrs()))
+    with pytest.raises(DatasetError, match="units 'mm'"):
+        check_reference(reference().assign(displacement=lambda d: d["displacement"].drop_attrs()))
+    bare = reference()
+    del bare.attrs["band_hz"]
+    with pytest.raises(DatasetError, match=r"missing \['band_hz'\]"):
+        check_reference(bare)

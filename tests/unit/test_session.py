@@ -1,5 +1,6 @@
 import re
 import tomllib
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -172,6 +173,26 @@ def test_written_session_reads_back_and_leads_to_the_same_files(tmp_path, path):
     else:
         assert again.view[1].images == "../../right/*.jpg"
     assert tomllib.loads(written.read_text(encoding="utf-8"))["method"]["subset_px"] == 41
+
+
+def test_a_sensors_start_survives_the_file(tmp_path):
+    sensor = {
+        "name": "s",
+        "file": "a.csv",
+        "columns": {"vertical": "-az"},
+        "units": "g",
+        "start": "2026-11-20T11:15:30.25+01:00",
+    }
+    for name in ("l.mp4", "r.mp4", "a.csv"):
+        (tmp_path / name).touch()
+    written = write_session(tmp_path / "session.toml", small(sensor=[sensor], folder=tmp_path))
+    (again,) = read_session(written).sensor
+    assert again.start == datetime(2026, 11, 20, 10, 15, 30, 250000, tzinfo=UTC)
+    assert again.columns == {"vertical": "-az"}
+    native = written.read_text().replace('"2026-11-20T11:15:30.250000+01:00"', "2026-11-20T10:15:30.25Z")
+    assert native != written.read_text()
+    written.write_text(native)
+    assert read_session(written).sensor[0].start == again.start
 
 
 def test_chessboard_paths_move_along(tmp_path):
@@ -404,6 +425,22 @@ FAULTS = {
     "no camera file": (
         {"method": {"cameras": "file"}},
         r'view\[left\].camera: expected a file for cameras = "file", got nothing',
+    ),
+    "start as a number": (
+        {"sensor": [{"name": "s", "file": "a.csv", "start": 5}]},
+        r"sensor\[s\].start: expected a date and time such as 2026-11-20T10:15:30.25Z, got 5",
+    ),
+    "start without a time zone": (
+        {"sensor": [{"name": "s", "file": "a.csv", "start": "2026-11-20T10:00:00"}]},
+        r"sensor\[s\].start: expected .* timezone",
+    ),
+    "units of a sensor": (
+        {"sensor": [{"name": "s", "file": "a.csv", "units": "ft"}]},
+        r"sensor\[s\].units: expected 'g', 'm/s2', 'mm' or 'm', got 'ft'",
+    ),
+    "column of no axis": (
+        {"sensor": [{"name": "s", "file": "a.csv", "columns": {"up": "z"}}]},
+        r"sensor\[s\].columns.up.*expected 'time', 'lateral', 'vertical' or 'longitudinal', got 'up'",
     ),
     "unknown key": ({"weather": "fog"}, r"weather: expected one of the keys name, view, .* got an unknown one; remove"),
     "long text": ({"site": "x" * 200}, r"site: expected one table \[site\], got 'x{56}\.\.\.;"),

@@ -5,12 +5,15 @@ v (down). A `Session` reports all its faults at once as one `SessionError`; its 
 pydantic's ``ValidationError`` (a ``ValueError``).
 """
 
+from datetime import datetime
 from glob import escape
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
+    AwareDatetime,
+    BeforeValidator,
     Field,
     PlainSerializer,
     Strict,
@@ -121,16 +124,26 @@ class Point(Entry):
     """Positions in other views, by view name, where the search must not decide [px]."""
 
 
+def _instant(value: object) -> object:
+    if not isinstance(value, (str, datetime)):
+        # pydantic would take a number for seconds since 1970; it reports a ValueError with the key, a TypeError not.
+        raise ValueError(f"expected a date and time such as 2026-11-20T10:15:30.25Z, got {value!r}")  # noqa: TRY004
+    return value
+
+
 class Sensor(Entry):
     """A reference sensor's recording and the point it sits at."""
 
     name: Name
     file: _PathField
     point: Name | None = None
-    columns: dict[str, str] = Field(default_factory=dict)
-    """Column of the file for ``time`` and for each axis."""
-    units: Name | None = None
+    columns: dict[Literal["time", "lateral", "vertical", "longitudinal"], Name] = Field(default_factory=dict)
+    """Column of the file for ``time`` and for each axis; a leading ``-`` before an axis' column reverses its sign."""
+    units: Literal["g", "m/s2", "mm", "m"] | None = None
+    """Acceleration (``g``, ``m/s2``) or displacement (``mm``, ``m``)."""
     sampling_rate_hz: Positive | None = None
+    start: Annotated[AwareDatetime, BeforeValidator(_instant)] | None = None
+    """When the first sample was taken, with its offset from UTC."""
 
 
 class Chessboard(Entry):
