@@ -1,8 +1,7 @@
 """Synthetic field tests: a footbridge filmed by two cameras, written as a normal session folder with its truth."""
 
+import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,71 +13,144 @@ from vfm_sdm.arrays import FloatArray
 from vfm_sdm.datasets import STRUCTURE_AXES, Status, make_displacement
 from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.files import replace_file
-from vfm_sdm.geometry.camera import Camera
-from vfm_sdm.session import Lens, Level, Measured, Method, Point, Range, Session, Site, View, write_session
+from vfm_sdm.session import (
+    Lens,
+    Level,
+    Measured,
+    Method,
+    Point,
+    Range,
+    Sensor,
+    Session,
+    Site,
+    View,
+    write_session,
+)
+from vfm_sdm.synthetic.film import film_view
 from vfm_sdm.synthetic.footbridge import FootbridgeSite, build_footbridge
-from vfm_sdm.synthetic.motion import ModalMotion, Mode, modal_displacement
+from vfm_sdm.synthetic.motion import ModalMotion, Mode
+from vfm_sdm.synthetic.plan import Preset, Recording, SiteErrors, SitePoint
 from vfm_sdm.synthetic.recording import write_video
-from vfm_sdm.synthetic.render import Renderer, quantize
-from vfm_sdm.synthetic.scene import Scene
+from vfm_sdm.synthetic.sensors import write_acceleration
 
-__all__ = ["DemoPoint", "demo_motion", "demo_points", "make_demo"]
+__all__ = ["demo_plan", "make_demo", "make_field_test"]
 
 Progress = Callable[[int, int], None]
 """Called with the number of frames written so far and the number of all."""
 
 _VIEWS = ("left", "right")
-_FILES = ("left.mp4", "right.mp4", "session.toml", "truth.nc")
-_FPS = 30
-_NOISE_STD = 1.0
-"""Sensor noise in luma units of 8 bits."""
-# Some 60 Mbit/s, as action cameras write 4K: harder compression would be the largest error of the demonstration.
-_ENCODER = {"crf": "4", "preset": "veryfast", "tune": "grain", "threads": "2"}
 _SHORTEST_S = 0.5
 _SENSOR_WIDTH_MM = 6.17
-_MODES = (
+_SENSOR_MARGIN_S = 2.0
+"""How much longer than the videos the accelerometers record [s]."""
+_SUBSET_PX = 61
+_DEMO_FPS = 30
+_DEMO_MODES = (
     Mode("vertical", 2.2, 4.5, damping_ratio=0.012),
     Mode("vertical", 6.1, 0.5, damping_ratio=0.015, half_waves=2),
     Mode("lateral", 1.4, 1.8, damping_ratio=0.010),
     Mode("longitudinal", 2.2, 0.25, damping_ratio=0.012, half_waves=0),
 )
+# Some 60 Mbit/s, as action cameras write 4K: harder compression would be the largest error of the demonstration.
+_DEMO_RECORDING = Recording(exposure_s=0.0, crf=4)
 
 
-@dataclass(frozen=True)
-class DemoPoint:
-    """A named point of the footbridge.
+def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | None = None) -> Path:
+    """Writes a virtual field test as a session folder and returns its ``session.toml``.
 
     Parameters
     ----------
-    name
-        As in the session.
-    position
-        At rest, in the world frame of `vfm_sdm.synthetic.scene` [m].
-    static
-        Whether it stands still.
+    folder
+        New, empty, or of an earlier field test, which is replaced; videos of the same plan are kept, so that work that
+        was cut short goes on. Gets ``left.mp4``, ``right.mp4``, a CSV file for every accelerometer, ``session.toml``
+        and ``truth.nc``, the displacement dataset's layout, exact.
+    plan
+        What to film; the same plan gives the same bytes.
+    progress
+        Called with the number of frames written so far and the number of all.
+
+    Raises
+    ------
+    ResultsError
+        The folder holds files of these names that are not of a field test, or cannot be written.
+    VideoError
+        A video cannot be written.
+
+    Notes
+    -----
+    Values in the session are the true ones with errors of the size of their standard deviations. The displacement in
+    ``truth.nc`` is along the true structural axes, relative to the rest, at the frames of the reference view.
     """
+    files = [f"{name}.mp4" for name in _VIEWS] + [f"{m.sensor.name}.csv" for m in plan.accelerometers]
+    target, same = _prepare(Path(folder), files, plan)
+    try:
+        for number in range(len(plan.accelerometers)):
+            _write_sensor(target, plan, number)
+        if not same:
+            for name in files[: len(_VIEWS)]:
+                (target / name).unlink(missing_ok=True)
+            with replace_file(target / "truth.nc") as temporary:
+                _truth(plan).to_netcdf(temporary, engine="h5netcdf")
+    except OSError as error:
+        raise ResultsError(f"{target}: expected to write to this folder, got: {error}; choose another") from error
+    scene = build_footbridge(plan.site, seed=plan.seed)
+    for view, name in enumerate(_VIEWS):
+        done, total = view * plan.frames, len(_VIEWS) * plan.frames
+        path = target / f"{name}.mp4"
+        if not path.exists():
+            frames, chroma = film_view(plan, scene, view)
+            options = {"crf": str(plan.recordings[view].crf), **plan.encoder}
+            write_video(path, _counted(frames, done, total, progress), fps=plan.fps, chroma=chroma, options=options)
+    # Last, so that a folder whose making was cut short is no session.
+    return write_session(target / "session.toml", _session(plan, target))
 
-    name: str
-    position: tuple[float, float, float]
-    static: bool = False
 
+def demo_plan(*, seed: int = 2026, duration_s: float = 3.0, site: FootbridgeSite | None = None) -> Preset:
+    """Two modes of vertical, one of lateral and a slide of longitudinal motion, after 0.4 s at rest.
 
-def demo_points(site: FootbridgeSite) -> tuple[DemoPoint, ...]:
-    """Three points on the girder's web, one on the slab's edge, two on the abutment."""
+    Parameters
+    ----------
+    seed
+        Of textures, sensor noise and errors of the measurements on site.
+    duration_s
+        At 30 frames a second [s].
+    site
+        Places of footbridge and cameras.
+
+    Raises
+    ------
+    SessionError
+        The recording would be too short.
+    """
+    if not duration_s >= _SHORTEST_S:
+        raise SessionError(f"duration_s: expected at least {_SHORTEST_S} s, got {duration_s}; make it longer")
+    site = FootbridgeSite() if site is None else site
     face = site.perpendicular_m
-    return (
-        DemoPoint("1/4 span", (face, 0.02, site.station(1 / 4))),
-        DemoPoint("3/8 span", (face, -0.02, site.station(3 / 8))),
-        DemoPoint("1/2 span", (face, 0.02, site.station(1 / 2))),
-        DemoPoint("deck edge", (face - 0.14, -0.455, site.station(0.44))),
-        DemoPoint("abutment", (face - 0.1, 0.79, site.longitudinal_m - 0.5), static=True),
-        DemoPoint("abutment corner", (face - 0.1, 0.77, site.longitudinal_m - 1.1), static=True),
+    motion = ModalMotion(_DEMO_MODES, support_m=site.support_m, span_m=site.span_m)
+    return Preset(
+        name="synthetic footbridge",
+        size="demo",
+        description="good light, cameras that start together",
+        site=site,
+        motion=motion,
+        points=(
+            SitePoint("1/4 span", (face, 0.02, site.station(1 / 4))),
+            SitePoint("3/8 span", (face, -0.02, site.station(3 / 8))),
+            SitePoint("1/2 span", (face, 0.02, site.station(1 / 2))),
+            SitePoint("deck edge", (face - 0.14, -0.455, site.station(0.44))),
+            SitePoint("abutment", (face - 0.1, 0.79, site.longitudinal_m - 0.5), static=True),
+            SitePoint("abutment corner", (face - 0.1, 0.77, site.longitudinal_m - 1.1), static=True),
+        ),
+        recordings=(_DEMO_RECORDING, _DEMO_RECORDING),
+        accelerometers=(),
+        fps=_DEMO_FPS,
+        duration_s=duration_s,
+        still_s=motion.still_s,
+        errors=SiteErrors(0.005, 0.01, 0.02, level_deg=0.1, range_m=0.005, lens_relative=0.02),
+        seed=seed,
+        ranged="3/8 span",
+        encoder={"preset": "veryfast", "tune": "grain", "threads": "2"},
     )
-
-
-def demo_motion(site: FootbridgeSite) -> ModalMotion:
-    """Two vertical modes, one lateral mode and a small slide along the structure, after 0.4 s at rest."""
-    return ModalMotion(_MODES, support_m=site.support_m, span_m=site.span_m)
 
 
 def make_demo(
@@ -89,83 +161,67 @@ def make_demo(
     site: FootbridgeSite | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Writes a synthetic stereo recording as a session folder and returns its ``session.toml``.
-
-    Parameters
-    ----------
-    folder
-        New, empty, or an earlier demo, which is replaced. Gets ``left.mp4``, ``right.mp4``, ``session.toml`` and
-        ``truth.nc``, the displacement dataset's layout, exact.
-    seed
-        Of textures, sensor noise and errors of the measurements on site; the same seed gives the same bytes.
-    duration_s
-        At 30 frames a second [s].
-    site
-        Places of footbridge and cameras.
-    progress
-        Called with the number of frames written so far and the number of all.
-
-    Raises
-    ------
-    SessionError
-        The recording would be too short.
-    ResultsError
-        The folder holds files of these names that are not an earlier demo, or cannot be written.
-    VideoError
-        A video cannot be written.
-
-    Notes
-    -----
-    Lengths in the session are the true ones with errors as of a tape, a laser and a spirit level; focal lengths are
-    off by about 1 %. The displacement in ``truth.nc`` is along the true structural axes, relative to the rest.
-    """
-    if not duration_s >= _SHORTEST_S:
-        raise SessionError(f"duration_s: expected at least {_SHORTEST_S} s, got {duration_s}; make it longer")
-    site = FootbridgeSite() if site is None else site
-    target = _prepare(Path(folder))
-    time_s = np.arange(round(duration_s * _FPS)) / _FPS
-    motion = demo_motion(site)
-    cameras = site.cameras()
-    try:
-        with replace_file(target / "truth.nc") as temporary:
-            _truth(time_s, site, motion, seed=seed).to_netcdf(temporary, engine="h5netcdf")
-    except OSError as error:
-        raise ResultsError(f"{target}: expected to write truth.nc, got: {error}; choose another folder") from error
-    scene = build_footbridge(site, seed=seed)
-    for number, (name, camera) in enumerate(zip(_VIEWS, cameras, strict=True)):
-        done = number * len(time_s)
-
-        def report(frames: int, done: int = done) -> None:
-            if progress is not None:
-                progress(done + frames, len(cameras) * len(time_s))
-
-        _write_view(target / f"{name}.mp4", scene, camera, motion, time_s, (seed, number), report)
-    # Last, so that a folder whose making was cut short is no session.
-    return write_session(target / "session.toml", _session(site, cameras, target, seed=seed))
+    """Writes the demonstration's recording; see `demo_plan` and `make_field_test`."""
+    return make_field_test(folder, demo_plan(seed=seed, duration_s=duration_s, site=site), progress=progress)
 
 
-def _prepare(folder: Path) -> Path:
-    """The folder, made and without an earlier demo's session file."""
-    present = [name for name in _FILES if (folder / name).exists()]
-    if present and "truth.nc" not in present:
+def _counted(
+    frames: Iterator[npt.NDArray[np.uint8]], done: int, total: int, progress: Progress | None
+) -> Iterator[npt.NDArray[np.uint8]]:
+    for number, frame in enumerate(frames):
+        yield frame
+        if progress is not None:
+            progress(done + number + 1, total)
+
+
+def _prepare(folder: Path, files: list[str], plan: Preset) -> tuple[Path, bool]:
+    """The folder, made and without an earlier session file, and whether what is in it is of the same plan."""
+    present = [name for name in (*files, "session.toml") if (folder / name).exists()]
+    if present and not (folder / "truth.nc").exists():
         raise ResultsError(f"{folder}: expected a new folder or an earlier demo, got {present}; choose another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "session.toml").unlink(missing_ok=True)
     except OSError as error:
         raise ResultsError(f"{folder}: expected a folder to write to, got: {error}; choose another") from error
-    return folder
+    try:
+        with xr.open_dataset(folder / "truth.nc", engine="h5netcdf") as truth:
+            return folder, truth.attrs.get("plan") == _plan_hash(plan)
+    except (OSError, ValueError):  # absent, or not a dataset: made anew
+        return folder, False
 
 
-def _truth(time_s: FloatArray, site: FootbridgeSite, motion: ModalMotion, *, seed: int) -> xr.Dataset:
-    points = demo_points(site)
-    rest = np.array([point.position for point in points])
-    moving = ~np.array([point.static for point in points])
-    displacement = modal_displacement(time_s, rest, motion=motion) * moving[:, None]
+def _plan_hash(plan: Preset) -> str:
+    """What tells plans apart; dataclasses of plain values print in full."""
+    return hashlib.sha256(f"{__version__} {plan!r}".encode()).hexdigest()
+
+
+def _write_sensor(folder: Path, plan: Preset, number: int) -> None:
+    mounted = plan.accelerometers[number]
+    position = [point.position for point in plan.points if point.name == mounted.point]
+
+    def acceleration_of(time_s: FloatArray) -> FloatArray:
+        # Before the first and after the last people the structure is at rest.
+        return np.asarray(plan.motion.acceleration(time_s, position)[:, 0])
+
+    write_acceleration(
+        folder / f"{mounted.sensor.name}.csv",
+        mounted.sensor,
+        acceleration_of,
+        duration_s=(plan.duration_s + _SENSOR_MARGIN_S - mounted.sensor.clock_offset_s) * mounted.sensor.clock_rate,
+        seed=plan.seed + number,
+    )
+
+
+def _truth(plan: Preset) -> xr.Dataset:
+    time_s = plan.frame_times(0)
+    rest = np.array([point.position for point in plan.points])
+    moving = ~np.array([point.static for point in plan.points])
+    displacement = plan.motion.displacement(time_s, rest) * moving[:, None]
     shape = displacement.shape
     return make_displacement(
-        time_s,
-        [point.name for point in points],
+        time_s - time_s[0],
+        [point.name for point in plan.points],
         STRUCTURE_AXES,
         displacement_mm=1e3 * displacement,
         displacement_std_mm=np.zeros(shape),
@@ -176,43 +232,22 @@ def _truth(time_s: FloatArray, site: FootbridgeSite, motion: ModalMotion, *, see
         attrs={
             "title": "exact displacement of a synthetic field test",
             "frame": "structure",
-            "baseline_m": float(np.linalg.norm(site.second_center)),
-            "seed": seed,
+            "baseline_m": plan.baseline_m,
+            "second_view_lag_s": plan.recordings[1].start_s - plan.recordings[0].start_s,
+            "sensor_lag_s": [m.sensor.clock_offset_s - plan.recordings[0].start_s for m in plan.accelerometers],
+            "within_assumptions": int(plan.within_assumptions),
+            "description": plan.description,
+            "plan": _plan_hash(plan),
+            "seed": plan.seed,
             "vfm_sdm_version": __version__,
         },
     )
 
 
-def _write_view(
-    path: Path,
-    scene: Scene,
-    camera: Camera,
-    motion: ModalMotion,
-    time_s: FloatArray,
-    seed: tuple[int, int],
-    report: Callable[[int], None],
-) -> None:
-    stations = np.linspace(motion.support_m, motion.support_m + motion.span_m, 200)
-    along = np.column_stack([np.zeros((200, 2)), stations])
-    largest = np.linalg.norm(modal_displacement(time_s, along, motion=motion), axis=2).max()
-    renderer = Renderer(scene, camera, reach_m=1.01 * float(largest) + 1e-6)
-
-    def frames() -> Iterator[npt.NDArray[np.uint8]]:
-        for number, time in enumerate(time_s):
-            luma = renderer.render(partial(_displacement_at, float(time), motion=motion))
-            yield quantize(luma, noise_std=_NOISE_STD, rng=np.random.default_rng([*seed, number]))
-            report(number + 1)
-
-    write_video(path, frames(), fps=_FPS, chroma=renderer.chroma_at_rest(), options=_ENCODER)
-
-
-def _displacement_at(time_s: float, positions: FloatArray, *, motion: ModalMotion) -> FloatArray:
-    return np.asarray(modal_displacement([time_s], positions, motion=motion)[0])
-
-
-def _session(site: FootbridgeSite, cameras: tuple[Camera, Camera], folder: Path, *, seed: int) -> Session:
+def _session(plan: Preset, folder: Path) -> Session:
     """What an engineer would have noted: every value with an error of the size of its standard deviation."""
-    rng = np.random.default_rng([seed, len(_VIEWS)])
+    rng = np.random.default_rng([plan.seed, len(_VIEWS)])
+    errors, site, cameras = plan.errors, plan.site, plan.site.cameras()
 
     def error(std: float) -> float:
         return std * float(np.clip(rng.standard_normal(), -2, 2))
@@ -220,32 +255,33 @@ def _session(site: FootbridgeSite, cameras: tuple[Camera, Camera], folder: Path,
     def tape(exact: float, std: float) -> Measured:
         return Measured(value=round(exact + error(std), 3), std=std)
 
-    points = demo_points(site)
-    ranged = points[1]
+    ranged = next(point for point in plan.points if point.name == (plan.ranged or plan.points[0].name))
+    focal_mm = [
+        camera.focal_px * (1 + error(errors.lens_relative / 2)) * _SENSOR_WIDTH_MM / camera.image_size[0]
+        for camera in cameras
+    ]
     return Session(
-        name="synthetic footbridge",
+        name=plan.name,
         view=tuple(
             View(
                 name=name,
                 video=Path(f"{name}.mp4"),
                 lens=Lens(
-                    focal_mm=round(camera.focal_px * (1 + error(0.01)) * _SENSOR_WIDTH_MM / camera.image_size[0], 2),
-                    sensor_width_mm=_SENSOR_WIDTH_MM,
-                    relative_std=0.02,
+                    focal_mm=round(focal, 2), sensor_width_mm=_SENSOR_WIDTH_MM, relative_std=errors.lens_relative
                 ),
             )
-            for name, camera in zip(_VIEWS, cameras, strict=True)
+            for name, focal in zip(_VIEWS, focal_mm, strict=True)
         ),
         site=Site(
-            baseline=tape(float(np.linalg.norm(site.second_center)), 0.005),
-            perpendicular_distance=tape(site.perpendicular_m, 0.01),
-            longitudinal_distance=tape(site.longitudinal_m, 0.02),
-            reference_camera_level=Level(value_deg=round(error(0.1), 2), std_deg=0.1),
+            baseline=tape(plan.baseline_m, errors.baseline_m),
+            perpendicular_distance=tape(site.perpendicular_m, errors.perpendicular_m),
+            longitudinal_distance=tape(site.longitudinal_m, errors.longitudinal_m),
+            reference_camera_level=Level(value_deg=round(error(errors.level_deg), 2), std_deg=errors.level_deg),
             range=(
                 Range(
                     point=ranged.name,
-                    value=round(float(np.linalg.norm(ranged.position)) + error(0.005), 3),
-                    std=0.005,
+                    value=round(float(np.linalg.norm(ranged.position)) + error(errors.range_m), 3),
+                    std=errors.range_m,
                 ),
             ),
         ),
@@ -256,8 +292,12 @@ def _session(site: FootbridgeSite, cameras: tuple[Camera, Camera], folder: Path,
                 pixel=tuple(float(x) for x in np.round(cameras[0].project(point.position), 3)),
                 static=point.static,
             )
-            for point in points
+            for point in plan.points
         ),
-        method=Method(subset_px=61, still_interval_s=(0.0, demo_motion(site).still_s)),
+        sensor=tuple(
+            Sensor(name=m.sensor.name, file=Path(f"{m.sensor.name}.csv"), point=m.point, units="g")
+            for m in plan.accelerometers
+        ),
+        method=Method(subset_px=_SUBSET_PX, still_interval_s=(0.0, plan.still_s)),
         folder=folder,
     )

@@ -19,8 +19,8 @@ __all__ = ["FootbridgeSite", "build_footbridge", "make_camera"]
 _PIXELS_PER_WAVELENGTH = 2.6
 """Shortest wavelength of a texture in coarsest pixels that see it."""
 _SLOPE = 0.85
-_BAYS = 8
-"""Plate lengths in the girder's span; the quarter points lie in the middle of a plate."""
+_BACKDROP_M = 33.0
+"""Distance at which the trees have their natural size."""
 _POST_SPACING_M = 1.2
 _Triple = tuple[float, float, float]
 
@@ -78,6 +78,14 @@ class FootbridgeSite:
         Longitudinal coordinate of the first support, and distance to the second [m].
     image_size
         Width and height of both views [px].
+    bays
+        Plates in the span, a multiple of 4, so that the quarter points lie in the middle of a plate.
+    bolted_middles
+        Whether cross girders are bolted to the middle of every plate.
+    backdrop_m
+        Distance from the reference camera to the trees [m].
+    valley
+        Whether the bridge spans a valley: the bank runs on below it, and abutments stand at both supports.
     """
 
     perpendicular_m: float = 7.0
@@ -89,6 +97,14 @@ class FootbridgeSite:
     support_m: float = 0.0
     span_m: float = 12.4
     image_size: tuple[int, int] = (1280, 720)
+    bays: int = 8
+    bolted_middles: bool = False
+    backdrop_m: float = _BACKDROP_M
+    valley: bool = False
+
+    def __post_init__(self) -> None:
+        if self.bays < 4 or self.bays % 4:
+            raise DatasetError(f"bays: expected a positive multiple of 4, got {self.bays}; correct it")
 
     def cameras(self) -> tuple[Camera, Camera]:
         """The reference camera and the second one, in the structural axes."""
@@ -192,16 +208,31 @@ def _stains(per_m2: float, size_m: tuple[float, float], rng: np.random.Generator
 
 
 def _splice(bay_m: float, height_m: float) -> tuple[Mark, ...]:
-    """Both ends of a plate: two columns of bolt heads, each with its shadow, and a dark joint."""
-    marks = []
+    """Both ends of a plate: two columns of bolt heads and a dark joint."""
+    marks: list[Mark] = []
     for end in (0.0, bay_m):
         marks.append(Mark((end, height_m / 2), (0.006, 100 * height_m), -40))
         for u in (0.06, 0.14):
-            for v in np.arange(0.14, height_m - 0.1, 0.08):
-                head = (abs(end - u), float(v))
-                marks.append(Mark((head[0] + 0.004, head[1] + 0.009), (0.012, 0.010), -56))
-                marks.append(Mark((head[0] - 0.002, head[1] - 0.004), (0.009, 0.008), 55))
+            marks += _bolts(abs(end - u), np.arange(0.14, height_m - 0.1, 0.08))
     return tuple(marks)
+
+
+def _connection(bay_m: float, height_m: float) -> tuple[Mark, ...]:
+    """The middle of a plate: four columns of bolt heads, the outer ones with every other bolt."""
+    rows = np.arange(0.14, height_m - 0.1, 0.08)
+    marks: list[Mark] = []
+    for u, step in ((-0.24, 2), (-0.09, 1), (0.09, 1), (0.24, 2)):
+        marks += _bolts(bay_m / 2 + u, rows[::step])
+    return tuple(marks)
+
+
+def _bolts(u_m: float, rows_m: FloatArray) -> list[Mark]:
+    """Bolt heads one below the other, each with its shadow."""
+    marks = []
+    for v in rows_m:
+        marks.append(Mark((u_m + 0.004, float(v) + 0.009), (0.012, 0.010), -56))
+        marks.append(Mark((u_m - 0.002, float(v) - 0.004), (0.009, 0.008), 55))
+    return marks
 
 
 def build_footbridge(site: FootbridgeSite, *, seed: int) -> Scene:
@@ -239,12 +270,13 @@ def _down(height_m: float) -> _Triple:
 def _add_girder(builder: _Builder, site: FootbridgeSite) -> None:
     """Web plates, flanges, stiffeners and the slab's edge; the web lies at the perpendicular distance."""
     X, Z, L = site.perpendicular_m, site.support_m, site.span_m
-    bay = L / _BAYS
-    for number in range(_BAYS + 1):
+    bay = L / site.bays
+    for number in range(site.bays + 1):
         start = Z + (number - 0.5) * bay
         # Bolted splices; the slab throws a soft shadow on the top of the web.
         shadow = Mark((bay / 2, 0.0), (100 * bay, 0.09), -34)
-        web = (shadow, *_splice(bay, 0.665))
+        middle = _connection(bay, 0.665) if site.bolted_middles else ()
+        web = (shadow, *_splice(bay, 0.665), *middle)
         builder.add(f"web {number}", (X, -0.36, start), (_along(bay), _down(0.665)), _STEEL, moving=True, marks=web)
         slab = (X - 0.14, -0.55, start + 0.4 * bay)
         builder.add(f"slab edge {number}", slab, (_along(bay), _down(0.19)), _CONCRETE, moving=True)
@@ -278,19 +310,45 @@ def _add_ground(builder: _Builder, site: FootbridgeSite) -> None:
     start, run = middle - 4.5, 4.6
     slope = (0.0, 0.06 * run, run)
     joints = tuple(Mark((u, 1.0), (0.008, 100.0), -30) for u in (0.7, 2.2, 3.7))
-    builder.add("wing wall", (X - 0.1, 0.4, start), (slope, _down_along(slope, 3.0)), _CONCRETE, marks=joints)
+    builder.add(
+        "wing wall",
+        (X - 0.1, 0.4, start),
+        (slope, _down_along(slope, 5.0 if site.valley else 3.0)),
+        _CONCRETE,
+        marks=joints,
+    )
     builder.add("wing wall coping", (X - 0.1, 0.4, start), (slope, (0.35, 0.0, 0.0)), _CONCRETE)
     block = (X - 1.5, 0.56, middle - 0.75)
-    builder.add("block", block, (_along(1.0), _down(1.5)), _MASONRY)
-    builder.add("block side", block, ((0.5, 0.0, 0.0), _down(1.5)), _SHADED_MASONRY)
+    depth = 5.0 if site.valley else 1.5
+    builder.add("block", block, (_along(1.0), _down(depth)), _MASONRY)
+    builder.add("block side", block, ((0.5, 0.0, 0.0), _down(depth)), _SHADED_MASONRY)
     builder.add("block top", block, (_along(1.0), (0.5, 0.0, 0.0)), _MASONRY)
-    builder.add("bank", (X + 0.9, 1.9, start), (_along(30.0), (2.4, -1.7, 0.0)), _GRASS)
+    foot, before = (2.0, 10.0) if site.valley else (0.0, 0.0)
+    rise = (2.4 * (1 + foot), -1.7 * (1 + foot), 0.0)
+    corner = (X + 0.9 - 2.4 * foot, 1.9 + 1.7 * foot, start - before)
+    builder.add("bank", corner, (_along(30.0 + before), rise), _GRASS)
+    if site.valley:
+        _add_abutments(builder, site)
     # The trees face the middle of what the cameras look at.
     axes = [camera.rotation[2] for camera in builder.cameras]
     heading = float(np.mean([np.arctan2(axis[0], axis[2]) for axis in axes]))
     across = np.array([np.cos(heading), 0.0, -np.sin(heading)])
-    corner = 33.0 * np.array([np.sin(heading), 0.0, np.cos(heading)]) - 17.0 * across - np.array([0.0, 5.0, 0.0])
-    builder.add("trees", _triple(corner), (_triple(34.0 * across), _down(7.0)), _TREES)
+    far = site.backdrop_m / _BACKDROP_M
+    trees = 33.0 * np.array([np.sin(heading), 0.0, np.cos(heading)]) - 17.0 * across - np.array([0.0, 5.0, 0.0])
+    builder.add(
+        "trees",
+        _triple(far * trees),
+        (_triple(far * 34.0 * across), _down(far * (16.0 if site.valley else 7.0))),
+        _TREES,
+    )
+
+
+def _add_abutments(builder: _Builder, site: FootbridgeSite) -> None:
+    """The face below the girder's far end, and the side walls at both ends."""
+    X, first, last = site.perpendicular_m, site.support_m + 0.4, site.support_m + site.span_m - 0.4
+    builder.add("far abutment", (X - 0.6, 0.34, last), ((2.8, 0.0, 0.0), _down(4.5)), _SHADED_MASONRY)
+    builder.add("far side wall", (X - 0.6, -0.6, last), (_along(6.0), _down(5.5)), _MASONRY)
+    builder.add("near side wall", (X - 0.6, -0.6, first - 6.0), (_along(6.0), _down(5.5)), _MASONRY)
 
 
 def _down_along(slope: _Triple, length_m: float) -> _Triple:

@@ -1,6 +1,7 @@
-"""How the virtual structure moves: bending modes of a simple span, excited once and ringing down."""
+"""How the virtual structure moves: what every motion offers, and the plainest one, modes that ring down."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +10,41 @@ from vfm_sdm.arrays import FloatArray, as_float_array
 from vfm_sdm.datasets import STRUCTURE_AXES
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["ModalMotion", "Mode", "modal_displacement"]
+__all__ = ["ModalMotion", "Mode", "Motion", "compute_station", "modal_displacement"]
+
+
+class Motion(Protocol):
+    """Displacement of a structure between two supports at any time, at rest until ``still_s``."""
+
+    @property
+    def support_m(self) -> float:
+        """Longitudinal coordinate of the first support [m]."""
+
+    @property
+    def span_m(self) -> float:
+        """Distance from the first support to the second [m]."""
+
+    @property
+    def still_s(self) -> float:
+        """Until when the structure is exactly at rest [s]."""
+
+    def displacement(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
+        """Along the structural axes, for times (T,) [s] and points at rest (P, 3) [m], shape (T, P, 3) [m]."""
+
+    def acceleration(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
+        """Second derivative of the displacement by time, same shapes [m/s2]."""
+
+
+def compute_station(positions: npt.ArrayLike, *, support_m: float, span_m: float) -> FloatArray:
+    """Share of the span at which points lie, shape (P, 3) [m] to (P,) [1]; 0 and 1 also beyond the supports.
+
+    Raises
+    ------
+    DatasetError
+        The shape is wrong.
+    """
+    points = as_float_array(positions, "positions", (None, 3))
+    return np.asarray(np.clip((points[:, 2] - support_m) / span_m, 0, 1))
 
 
 @dataclass(frozen=True)
@@ -62,6 +97,11 @@ class Mode:
         swing = np.sin(omega * np.sqrt(1 - self.damping_ratio**2) * elapsed_s)
         return np.asarray(1e-3 * self.amplitude_mm * np.exp(-self.damping_ratio * omega * elapsed_s) * swing)
 
+    def coordinate_derivative(self, elapsed_s: FloatArray, order: int) -> FloatArray:
+        """Derivative of the modal coordinate by time, any shape [s] to [m/s**order]."""
+        root = 2 * np.pi * self.frequency_hz * complex(-self.damping_ratio, np.sqrt(1 - self.damping_ratio**2))
+        return np.asarray(1e-3 * self.amplitude_mm * (root**order * np.exp(root * elapsed_s)).imag)
+
 
 @dataclass(frozen=True)
 class ModalMotion:
@@ -97,6 +137,32 @@ class ModalMotion:
                 f"{self.onset_s} and {self.still_s}; correct them"
             )
 
+    def displacement(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
+        """As `Motion.displacement`; see `modal_displacement`."""
+        return modal_displacement(time_s, positions, motion=self)
+
+    def acceleration(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
+        """As `Motion.acceleration`: ``sum_i e_i shape_i (r'' q_i + 2 r' q_i' + r q_i'')``.
+
+        Raises
+        ------
+        DatasetError
+            A shape is wrong.
+        """
+        time = as_float_array(time_s, "time_s", (None,))
+        station = compute_station(positions, support_m=self.support_m, span_m=self.span_m)
+        elapsed = np.maximum(time - self.still_s, 0)
+        x = np.minimum(elapsed / self.onset_s, 1)
+        ramp = x**3 * (10 + x * (6 * x - 15))
+        slope = 30 * x**2 * (1 - x) ** 2 / self.onset_s
+        curvature = 60 * x * (1 - x) * (1 - 2 * x) / self.onset_s**2
+        acceleration = np.zeros((len(time), len(station), 3))
+        for mode in self.modes:
+            value, rate, change = (mode.coordinate_derivative(elapsed, order) for order in range(3))
+            total = curvature * value + 2 * slope * rate + ramp * change
+            acceleration[:, :, STRUCTURE_AXES.index(mode.axis)] += np.outer(total, mode.shape(station))
+        return acceleration
+
 
 def modal_displacement(time_s: npt.ArrayLike, positions: npt.ArrayLike, *, motion: ModalMotion) -> FloatArray:
     """Displacement of points of the structure along the structural axes, shape (T, P, 3) [m].
@@ -122,12 +188,11 @@ def modal_displacement(time_s: npt.ArrayLike, positions: npt.ArrayLike, *, motio
     Beyond the supports the shape keeps its end value.
     """
     time = as_float_array(time_s, "time_s", (None,))
-    points = as_float_array(positions, "positions", (None, 3))
-    station = np.clip((points[:, 2] - motion.support_m) / motion.span_m, 0, 1)
+    station = compute_station(positions, support_m=motion.support_m, span_m=motion.span_m)
     elapsed = np.maximum(time - motion.still_s, 0)
     x = np.minimum(elapsed / motion.onset_s, 1)
     ramp = x**3 * (10 + x * (6 * x - 15))
-    displacement = np.zeros((len(time), len(points), 3))
+    displacement = np.zeros((len(time), len(station), 3))
     for mode in motion.modes:
         axis = STRUCTURE_AXES.index(mode.axis)
         displacement[:, :, axis] += np.outer(ramp * mode.coordinate(elapsed), mode.shape(station))

@@ -5,7 +5,7 @@ costs a reference count a ray, and with it 20 times the time.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba as nb
 import numpy as np
@@ -16,13 +16,14 @@ from vfm_sdm.arrays import BoolArray, FloatArray
 
 __all__ = [
     "EDGE_PX",
-    "KEEP",
-    "SEARCH",
+    "MIXED",
+    "MIXED_FRONT",
     "SLACK_PX",
     "TABLE_STEP_M",
     "TILE",
     "CastArrays",
     "mark_tiles",
+    "move_pixels",
     "render_pixels",
     "smooth_edges",
 ]
@@ -33,6 +34,8 @@ EDGE_PX = 3
 """Reach of the point spread [px]."""
 SLACK_PX = 1.5 * EDGE_PX + 1.5
 """How far beyond a face's edge a ray still counts as near it [px]: the diagonal of the reach and a little."""
+_FAR = 4.0
+"""Beyond this the error function is 1 to 2e-8."""
 _SAMPLES = 64
 """Rays through the point spread where more than two faces meet."""
 _GENERATOR = 19
@@ -40,7 +43,6 @@ TILE = 8
 """Side of the squares that share a list of faces to try [px]."""
 TABLE_STEP_M = 0.02
 """Distance between entries of the tables of displacements, along the structure [m]."""
-_FIXED_POINT_STEPS = 2
 
 _Vector = tuple[float, float, float]
 _Tile = tuple[int, int]
@@ -48,13 +50,18 @@ _Int64Array = npt.NDArray[np.int64]
 _FaceImage = npt.NDArray[np.int16]
 _LumaImage = npt.NDArray[np.float32]
 _Coefficients = npt.NDArray[np.float32]
-_Arrays = tuple[FloatArray, _Int64Array, _Coefficients, FloatArray, FloatArray, _Int64Array, float]
+_Arrays = tuple[FloatArray, _Int64Array, _Coefficients, FloatArray, _Int64Array, float]
 
-# What to do with a pixel, where it is not the index of a face.
-KEEP, SEARCH = -2, -1
+# What a neighbourhood of pixels shows at rest, where it is not one face alone: several faces, or several of which one
+# stands still in front of what moves.
+MIXED, MIXED_FRONT = -2, -3
+
+_UNSIGNED = (np.uintp(0), np.uintp(1), np.uintp(2), np.uintp(3))
+_FAST: Any = {"contract", "nsz", "arcp", "reassoc"}
+"""What floating-point rules the compiler may bend: all but those for infinity and NaN."""
 
 # Columns of `CastArrays.faces` and `CastArrays.layout`.
-NORMAL, UNIT_U, UNIT_V, OFFSET, LENGTH, DENSITY, TABLE_START, REACH, GUARD = 0, 3, 6, 9, 12, 14, 16, 17, 18
+NORMAL, UNIT_U, UNIT_V, OFFSET, LENGTH, DENSITY, TABLE_START, REACH, GUARD, SLOPE = 0, 3, 6, 9, 12, 14, 16, 17, 18, 19
 FIRST_TEXEL, TEXELS_U, TEXELS_V, TABLE_FIRST, TABLE_COUNT = 0, 1, 2, 3, 4
 
 
@@ -75,17 +82,15 @@ class CastArrays(NamedTuple):
     """A scene as one camera sees it; one row a face in the first two."""
 
     faces: FloatArray
-    """Normal, unit vectors u and v; the face's origin seen from the optical centre along these three [m]; lengths
-    along u and v [m]; texels per metre along them; distance from the face's origin to the start of its table of
-    displacements [m]; largest displacement plus `SLACK_PX` there [m]; texels before the origin.
-    Shape (F, 19)."""
+    """Normal, unit vectors u and v in the camera's axes; the face's origin seen from the optical centre along these
+    three [m]; lengths along u and v [m]; texels per metre along them; distance from the face's origin to the start of
+    its table of displacements [m]; largest displacement plus `SLACK_PX` there [m]; texels before the origin;
+    longitudinal components of the unit vectors u and v. Shape (F, 21)."""
     layout: _Int64Array
     """First texel and numbers of texels along u and v; first row and number of rows in the table of displacements,
     0 rows for what never moves. Shape (F, 5)."""
     coefficients: _Coefficients
     """Spline coefficients of all textures, one after the other."""
-    rotation: FloatArray
-    """world_from_cam, shape (3, 3)."""
     rays: FloatArray
     """Undistorted rays (x/z, y/z) of all pixel centres with a border of one pixel, shape (H + 2, W + 2, 2)."""
     candidates: _Int64Array
@@ -99,7 +104,7 @@ class CastArrays(NamedTuple):
         For the compiled functions: numba's cache on disk cannot be read any more once a class named in a signature is
         renamed.
         """
-        return self.faces, self.layout, self.coefficients, self.rotation, self.rays, self.candidates, self.sky
+        return self.faces, self.layout, self.coefficients, self.rays, self.candidates, self.sky
 
 
 @nb.njit(error_model="numpy", forceinline=True)
@@ -114,17 +119,42 @@ def _minus(first: _Vector, second: _Vector) -> _Vector:
 
 
 @nb.njit(error_model="numpy", forceinline=True)
-def _shift_at(values: FloatArray, first: int, count: int, position: float) -> _Vector:
-    """Displacement at a position in a table, linear between its rows, constant beyond them."""
-    index = min(max(int(position), 0), max(count - 2, 0))
-    weight = min(max(position - index, 0.0), 1.0)
-    low = first + index
-    high = low + min(1, count - 1)
-    return (
-        values[low, 0] + weight * (values[high, 0] - values[low, 0]),
-        values[low, 1] + weight * (values[high, 1] - values[low, 1]),
-        values[low, 2] + weight * (values[high, 2] - values[low, 2]),
+def _displaced(
+    faces: FloatArray, layout: _Int64Array, values: FloatArray, k: int, at_rest: tuple[float, float], ray: _Vector
+) -> _Vector:
+    """How much farther along a ray a displaced face is met, and where on it, along u and v.
+
+    A point is displaced by the value at its own place at rest, which is not known before: the table is taken as a
+    straight line about the place that the ray meets at rest, and the place solved for. Beyond its ends the table goes
+    on as it ends.
+
+    Parameters
+    ----------
+    at_rest
+        Where the ray meets the face at rest, along u and v [m].
+    ray
+        Inverse of its component along the face's normal, and the components along u and v over that.
+    """
+    a, b = at_rest
+    along_u, along_v = faces[k, SLOPE], faces[k, SLOPE + 1]
+    place = (a * along_u + b * along_v - faces[k, TABLE_START]) * (1 / TABLE_STEP_M)
+    count = layout[k, TABLE_COUNT]
+    index = min(max(int(place), 0), max(count - 2, 0))
+    weight = min(max(place - index, 0.0), 1.0)
+    low = nb.uintp(layout[k, TABLE_FIRST] + index)
+    high = nb.uintp(layout[k, TABLE_FIRST] + index + min(1, count - 1))
+    step_n, step_u, step_v = (
+        values[high, 0] - values[low, 0],
+        values[high, 1] - values[low, 1],
+        values[high, 2] - values[low, 2],
     )
+    by_normal = values[low, 0] + weight * step_n
+    shift_a = by_normal * ray[1] - values[low, 1] - weight * step_u
+    shift_b = by_normal * ray[2] - values[low, 2] - weight * step_v
+    slope_a, slope_b = step_n * ray[1] - step_u, step_n * ray[2] - step_v
+    own = (along_u * slope_a + along_v * slope_b) * (1 / TABLE_STEP_M)
+    cells = (along_u * shift_a + along_v * shift_b) * (1 / TABLE_STEP_M) * (1 + own * (1 + own))
+    return (by_normal + cells * step_n) * ray[0], a + shift_a + cells * slope_a, b + shift_b + cells * slope_b
 
 
 @nb.njit(error_model="numpy", forceinline=True)
@@ -132,31 +162,25 @@ def _meet(faces: FloatArray, layout: _Int64Array, values: FloatArray, k: int, ra
     """Distance along a ray to a face's plane, and where it meets it at rest, along u and v.
 
     (-1, 0, 0) for a miss by more than the displacement and `SLACK_PX` explain.
-
-    A point of a moving face is displaced by the value at its own place at rest, which a fixed-point iteration finds.
-    Its error shrinks by the slope of the deflection curve (1e-3) a step, so that two steps leave 1e-8 m of a
-    displacement of 1 cm.
     """
     inverse = 1.0 / _dot(faces, k, NORMAL, ray)
     along = faces[k, OFFSET] * inverse
-    ray_u, ray_v = _dot(faces, k, UNIT_U, ray), _dot(faces, k, UNIT_V, ray)
-    a, b = along * ray_u - faces[k, OFFSET + 1], along * ray_v - faces[k, OFFSET + 2]
-    # A displacement moves the meeting point by itself and by its normal part times the tangent of the incidence.
-    slack = faces[k, REACH] * (1 + abs(inverse) * (abs(ray_u) + abs(ray_v)))
-    inside = -slack <= a <= faces[k, LENGTH] + slack and -slack <= b <= faces[k, LENGTH + 1] + slack
-    if not (inside and along > 0):  # written so that infinity and NaN of a ray within the plane miss it
+    # A displacement moves the meeting point by itself and by its normal part times the tangent of the incidence. The
+    # conditions are written so that infinity and NaN of a ray within the plane miss it.
+    ray_u = _dot(faces, k, UNIT_U, ray)
+    a = along * ray_u - faces[k, OFFSET + 1]
+    slack = faces[k, REACH] * (1 + abs(inverse * ray_u))
+    if not (along > 0 and -slack <= a <= faces[k, LENGTH] + slack):
+        return -1.0, 0.0, 0.0
+    ray_v = _dot(faces, k, UNIT_V, ray)
+    b = along * ray_v - faces[k, OFFSET + 2]
+    slack = faces[k, REACH] * (1 + abs(inverse * ray_v))
+    if not -slack <= b <= faces[k, LENGTH + 1] + slack:
         return -1.0, 0.0, 0.0
     if layout[k, TABLE_COUNT] == 0:
         return along, a, b
-    rest_a, rest_b, rest_along = a, b, along
-    for _ in range(_FIXED_POINT_STEPS):
-        longitudinal = a * faces[k, UNIT_U + 2] + b * faces[k, UNIT_V + 2] - faces[k, TABLE_START]
-        shift = _shift_at(values, layout[k, TABLE_FIRST], layout[k, TABLE_COUNT], longitudinal * (1 / TABLE_STEP_M))
-        farther = _dot(faces, k, NORMAL, shift) * inverse
-        along = rest_along + farther
-        a = rest_a + farther * ray_u - _dot(faces, k, UNIT_U, shift)
-        b = rest_b + farther * ray_v - _dot(faces, k, UNIT_V, shift)
-    return along, a, b
+    farther, a, b = _displaced(faces, layout, values, k, (a, b), (inverse, inverse * ray_u, inverse * ray_v))
+    return along + farther, a, b
 
 
 @nb.njit(error_model="numpy", forceinline=True)
@@ -176,10 +200,12 @@ def _cast(
 
 
 @nb.njit(error_model="numpy", forceinline=True)
-def _weights(t: float) -> tuple[float, float, float, float]:
-    """Cubic B-spline at t + 1, t, t - 1 and t - 2, for t in [0, 1)."""
-    s = 1 - t
-    return s * s * s / 6, 2 / 3 - 0.5 * t * t * (2 - t), 2 / 3 - 0.5 * s * s * (2 - s), t * t * t / 6
+def _weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Cubic B-spline at t + 1, t, t - 1 and t - 2, for t in [0, 1), in single precision as the coefficients."""
+    one, half, sixth = np.float32(1), np.float32(0.5), np.float32(1 / 6)
+    s = one - t
+    inner, outer = np.float32(2 / 3) - half * t * t * (s + one), np.float32(2 / 3) - half * s * s * (t + one)
+    return s * s * s * sixth, inner, outer, t * t * t * sixth
 
 
 @nb.njit(error_model="numpy", forceinline=True)
@@ -189,28 +215,30 @@ def _sample(faces: FloatArray, layout: _Int64Array, coefficients: _Coefficients,
     x = min(max(a * faces[k, DENSITY] + faces[k, GUARD], 1.0), n_u - 3.0)
     y = min(max(b * faces[k, DENSITY + 1] + faces[k, GUARD], 1.0), n_v - 3.0)
     i, j = int(x), int(y)
-    wx, wy = _weights(x - i), _weights(y - j)
-    total = 0.0
+    wx, wy = _weights(np.float32(x - i)), _weights(np.float32(y - j))
+    total = np.float32(0)
     for q in range(4):
-        n = layout[k, FIRST_TEXEL] + (j - 1 + q) * n_u + i - 1
-        line = wx[0] * coefficients[n] + wx[1] * coefficients[n + 1]
-        total += wy[q] * (line + wx[2] * coefficients[n + 2] + wx[3] * coefficients[n + 3])
+        # Unsigned, because a signed index is checked for being negative at every one of 16 reads.
+        n = nb.uintp(layout[k, FIRST_TEXEL] + (j - 1 + q) * n_u + i - 1)
+        line = wx[0] * coefficients[n] + wx[1] * coefficients[n + _UNSIGNED[1]]
+        total += wy[q] * (line + wx[2] * coefficients[n + _UNSIGNED[2]] + wx[3] * coefficients[n + _UNSIGNED[3]])
     return total
 
 
 @nb.njit(error_model="numpy", forceinline=True)
-def _ray(R: FloatArray, rays: FloatArray, row: int, column: int, du: float, dv: float) -> _Vector:
-    """World direction of a ray near a pixel's centre; distortion is linear enough over one pixel."""
+def _ray(rays: FloatArray, row: int, column: int) -> _Vector:
+    """Direction of the ray through a pixel's centre, camera's axes."""
+    return rays[row + 1, column + 1, 0], rays[row + 1, column + 1, 1], 1.0
+
+
+@nb.njit(error_model="numpy", forceinline=True)
+def _rays_about(rays: FloatArray, row: int, column: int) -> tuple[_Vector, _Vector, _Vector]:
+    """Rays through a pixel's centre, and one pixel to the right and below; distortion is linear enough over one."""
     i, j = row + 1, column + 1
-    x = rays[i, j, 0]
-    y = rays[i, j, 1]
-    x += 0.5 * (du * (rays[i, j + 1, 0] - rays[i, j - 1, 0]) + dv * (rays[i + 1, j, 0] - rays[i - 1, j, 0]))
-    y += 0.5 * (du * (rays[i, j + 1, 1] - rays[i, j - 1, 1]) + dv * (rays[i + 1, j, 1] - rays[i - 1, j, 1]))
-    return (
-        R[0, 0] * x + R[0, 1] * y + R[0, 2],
-        R[1, 0] * x + R[1, 1] * y + R[1, 2],
-        R[2, 0] * x + R[2, 1] * y + R[2, 2],
-    )
+    x, y = rays[i, j, 0], rays[i, j, 1]
+    right = x + 0.5 * (rays[i, j + 1, 0] - rays[i, j - 1, 0]), y + 0.5 * (rays[i, j + 1, 1] - rays[i, j - 1, 1]), 1.0
+    below = x + 0.5 * (rays[i + 1, j, 0] - rays[i - 1, j, 0]), y + 0.5 * (rays[i + 1, j, 1] - rays[i - 1, j, 1]), 1.0
+    return (x, y, 1.0), right, below
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -249,7 +277,11 @@ def _linearize(
 def _share(place: float, length: float, by_column: float, by_row: float) -> float:
     """Share of the point spread between two parallel edges at 0 and ``length``, for a pixel's centre at ``place``."""
     scale = math.sqrt(0.5) / (BLUR_PX * math.sqrt(by_column * by_column + by_row * by_row))
-    return 0.5 * (math.erf(place * scale) - math.erf((place - length) * scale))
+    before, after = place * scale, (place - length) * scale
+    # Most pixels are far from one or both edges, and the error function is what costs most.
+    first = math.copysign(1.0, before) if abs(before) > _FAR else math.erf(before)
+    second = math.copysign(1.0, after) if abs(after) > _FAR else math.erf(after)
+    return 0.5 * (first - second)
 
 
 @nb.njit(error_model="numpy", forceinline=True)
@@ -270,6 +302,19 @@ def _neighbours(face: _FaceImage, row: int, column: int) -> tuple[int, int]:
                     return 3, int(other)
                 other, count = k, 2
     return count, int(other)
+
+
+@nb.njit(error_model="numpy", forceinline=True)
+def _shows(face: _FaceImage, row: int, column: int, k: int) -> bool:
+    """Whether a face is seen within the reach of the point spread; at the border of the image it may be."""
+    height, width = face.shape
+    if min(row, column, height - 1 - row, width - 1 - column) < EDGE_PX:
+        return True
+    for i in range(row - EDGE_PX, row + EDGE_PX + 1):
+        for j in range(column - EDGE_PX, column + EDGE_PX + 1):
+            if face[i, j] == k:
+                return True
+    return False
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -363,11 +408,29 @@ def _blend_many(
     return total / _SAMPLES
 
 
-# The arrays that the next three fill are arguments of their own, because numba's parallel mode drops writes to arrays
+@nb.njit(error_model="numpy", forceinline=True, fastmath=_FAST)
+def _sample_moved(
+    faces: FloatArray,
+    layout: _Int64Array,
+    values: FloatArray,
+    coefficients: _Coefficients,
+    k: int,
+    ray: _Vector,
+) -> float:
+    """Luma of a displaced face on a ray that is known to meet it: `_meet` and `_sample` without their checks."""
+    inverse = 1.0 / _dot(faces, k, NORMAL, ray)
+    along_u, along_v = inverse * _dot(faces, k, UNIT_U, ray), inverse * _dot(faces, k, UNIT_V, ray)
+    distance = faces[k, OFFSET]
+    at_rest = distance * along_u - faces[k, OFFSET + 1], distance * along_v - faces[k, OFFSET + 2]
+    _, a, b = _displaced(faces, layout, values, k, at_rest, (inverse, along_u, along_v))
+    return _sample(faces, layout, coefficients, k, a, b)
+
+
+# The arrays that the next ones fill are arguments of their own, because numba's parallel mode drops writes to arrays
 # that it reaches through a tuple.
 @nb.njit(cache=True, error_model="numpy", parallel=True)
-def render_pixels(arrays: _Arrays, values: FloatArray, plan: _FaceImage, luma: _LumaImage, face: _FaceImage) -> None:
-    """Draws pixels in place with one ray each: enough inside a face, because textures are band-limited.
+def render_pixels(arrays: _Arrays, values: FloatArray, luma: _LumaImage, face: _FaceImage) -> None:
+    """Draws all pixels in place with one ray each: enough inside a face, because textures are band-limited.
 
     Parameters
     ----------
@@ -375,30 +438,82 @@ def render_pixels(arrays: _Arrays, values: FloatArray, plan: _FaceImage, luma: _
         What to draw.
     values
         Displacement in the tables, shape (N, 3) [m].
-    plan
-        What to do with each pixel, shape (H, W): `KEEP` it, `SEARCH` for the face, or the index of the only face that
-        it can show.
     luma, face
         What to fill, shape (H, W): luma and the index of the face seen, -1 for the sky.
     """
-    faces, layout, coefficients, R, rays, candidates, sky = arrays
-    height, width = plan.shape
+    faces, layout, coefficients, rays, candidates, sky = arrays
+    height, width = face.shape
     for row in nb.prange(height):
         for column in range(width):
-            k = int(plan[row, column])
-            if k == KEEP:
-                continue
-            ray = _ray(R, rays, row, column, 0.0, 0.0)
-            if k == SEARCH:
-                k, a, b = _cast(faces, layout, values, candidates, (row // TILE, column // TILE), ray)
-            else:
-                _, a, b = _meet(faces, layout, values, k, ray)
+            ray = _ray(rays, row, column)
+            k, a, b = _cast(faces, layout, values, candidates, (row // TILE, column // TILE), ray)
             face[row, column] = k
             luma[row, column] = sky if k < 0 else _sample(faces, layout, coefficients, k, a, b)
 
 
+@nb.njit(cache=True, error_model="numpy", parallel=True, fastmath=_FAST)
+def move_pixels(
+    arrays: _Arrays,
+    values: FloatArray,
+    plan: tuple[BoolArray, _FaceImage, _LumaImage, BoolArray, BoolArray],
+    luma: _LumaImage,
+    face: _FaceImage,
+    edges: BoolArray,
+    rows: tuple[int, int],
+) -> None:
+    """Draws again, in place, the pixels of a picture at rest that a displacement changes.
+
+    Where the neighbourhood that a pixel's content came from shows one face alone, that face is drawn without a search.
+
+    Parameters
+    ----------
+    arrays, values
+        As in `render_pixels`.
+    plan
+        Pixels that may change, shape (H, W); the face that each one's neighbourhood shows at rest, or `MIXED` or
+        `MIXED_FRONT`, shape (H, W); shift of moving points in each tile, shape (tiles_v, tiles_u, 2) [px]; which
+        faces move, and which stand still in front of what moves, shape (F + 1,), the last for the sky.
+    luma, face
+        The picture at rest, shape (H, W).
+    edges
+        Filled with where an edge may be, shape (H, W).
+    rows
+        First row to draw, and the one after the last.
+    """
+    faces, layout, coefficients, rays, candidates, sky = arrays
+    reached, alone, shifts, moving, front = plan
+    height, width = face.shape
+    for row in nb.prange(rows[0], rows[1]):
+        for column in range(width):
+            edges[row, column] = False
+            if not reached[row, column]:
+                continue
+            tile = (row // TILE, column // TILE)
+            from_row = math.floor(row - shifts[tile[0], tile[1], 1] + 0.5)
+            from_column = math.floor(column - shifts[tile[0], tile[1], 0] + 0.5)
+            here, there = int(alone[row, column]), MIXED
+            if 0 <= from_row < height and 0 <= from_column < width:
+                there = int(alone[from_row, from_column])
+            ray = _ray(rays, row, column)
+            if there >= 0 and moving[there] and here != MIXED_FRONT and (here < 0 or not front[here]):
+                face[row, column] = there
+                luma[row, column] = _sample_moved(faces, layout, values, coefficients, nb.uintp(there), ray)
+            elif here != there or here <= MIXED:
+                k, a, b = _cast(faces, layout, values, candidates, tile, ray)
+                face[row, column] = k
+                luma[row, column] = sky if k < 0 else _sample(faces, layout, coefficients, k, a, b)
+                edges[row, column] = True
+
+
 @nb.njit(cache=True, error_model="numpy", parallel=True)
-def smooth_edges(arrays: _Arrays, values: FloatArray, edges: BoolArray, luma: _LumaImage, face: _FaceImage) -> None:
+def smooth_edges(
+    arrays: _Arrays,
+    values: FloatArray,
+    edges: BoolArray,
+    luma: _LumaImage,
+    face: _FaceImage,
+    rows: tuple[int, int],
+) -> None:
     """Blends the faces around an edge by how much of the pixel's point spread each covers, in place.
 
     A function of its own, because it needs the faces of the neighbouring rows complete. Two faces are blended in
@@ -411,10 +526,12 @@ def smooth_edges(arrays: _Arrays, values: FloatArray, edges: BoolArray, luma: _L
         As in `render_pixels`.
     edges
         Pixels that an edge may reach, shape (H, W).
+    rows
+        As in `move_pixels`.
     """
-    faces, layout, coefficients, R, rays, candidates, sky = arrays
-    height, width = edges.shape
-    for row in nb.prange(height):
+    faces, layout, coefficients, rays, candidates, sky = arrays
+    width = edges.shape[1]
+    for row in nb.prange(rows[0], rows[1]):
         near = np.empty((candidates.shape[2], 11))
         for column in range(width):
             if not edges[row, column]:
@@ -422,11 +539,7 @@ def smooth_edges(arrays: _Arrays, values: FloatArray, edges: BoolArray, luma: _L
             kinds, other = _neighbours(face, row, column)
             if kinds == 1:
                 continue
-            three = (
-                _ray(R, rays, row, column, 0.0, 0.0),
-                _ray(R, rays, row, column, 1.0, 0.0),
-                _ray(R, rays, row, column, 0.0, 1.0),
-            )
+            three = _rays_about(rays, row, column)
             if kinds == 2:
                 here = int(face[row, column])
                 share, _, second = _blend_two(faces, layout, values, (here, other), three)
@@ -441,6 +554,8 @@ def smooth_edges(arrays: _Arrays, values: FloatArray, edges: BoolArray, luma: _L
                 k = candidates[row // TILE, column // TILE, n]
                 if k < 0:
                     break
+                if not _shows(face, row, column, k):
+                    continue
                 center, by_column, by_row = _linearize(faces, layout, values, k, three)
                 if center[0] > 0:
                     near[count, 0] = k
@@ -456,12 +571,12 @@ def mark_tiles(arrays: _Arrays, values: FloatArray, marks: BoolArray) -> None:
 
     Every other pixel is enough, because `_meet` looks `SLACK_PX` beyond a face's edges.
     """
-    faces, layout, _, R, rays, _, _ = arrays
+    faces, layout, _, rays, _, _ = arrays
     height, width = rays.shape[0] - 2, rays.shape[1] - 2
     for tile_row in range(marks.shape[1]):
         for row in range(tile_row * TILE, min((tile_row + 1) * TILE, height), 2):
             for column in range(0, width, 2):
-                ray = _ray(R, rays, row, column, 0.0, 0.0)
+                ray = _ray(rays, row, column)
                 for k in range(marks.shape[0]):
                     if not marks[k, tile_row, column // TILE]:
                         marks[k, tile_row, column // TILE] = _meet(faces, layout, values, k, ray)[0] > 0

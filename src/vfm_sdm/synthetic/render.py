@@ -5,36 +5,41 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 from numba import parallel_chunksize
-from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
+from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filter, minimum_filter
 
 from vfm_sdm.arrays import BoolArray, FloatArray, as_float_array
 from vfm_sdm.errors import CameraError, DatasetError
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.synthetic.raycast import (
     EDGE_PX,
-    KEEP,
-    SEARCH,
+    MIXED,
+    MIXED_FRONT,
+    NORMAL,
+    OFFSET,
     SLACK_PX,
     TABLE_STEP_M,
     TILE,
     CastArrays,
     mark_tiles,
+    move_pixels,
     render_pixels,
     smooth_edges,
 )
 from vfm_sdm.synthetic.scene import GUARD, Face, Scene
 
-__all__ = ["LUMA_RANGE", "Displacement", "Renderer", "quantize"]
+__all__ = ["Displacement", "Renderer"]
 
 Displacement = Callable[[FloatArray], FloatArray]
 """Displacement at one instant of points at rest, shape (P, 3) to (P, 3) [m], world frame."""
 
 _FaceImage = npt.NDArray[np.int16]
-LUMA_RANGE = (16, 235)
-"""Black and white of 8-bit video."""
 _NEUTRAL_CHROMA = 128
 _GRID = 24
+_NEAR_IMAGE = 0.25
+"""Share of the image's size beyond its border that a displacement may bring in."""
 _CHUNK_ROWS = 8
+_RAY_STEP = 16
 
 
 class Renderer:
@@ -79,29 +84,57 @@ class Renderer:
         self.scene = scene
         self.camera = camera
         self._reach_m = float(reach_m)
-        self._shift_px = _largest_shift(scene, camera, reach_m)
-        self._stations = _Stations(scene.faces, reach_m)
+        self._shift_px = int(np.ceil(1.05 * reach_m * self.pixels_per_metre))
+        self._stations = _Stations(scene, reach_m)
         self._arrays = _cast_arrays(scene, camera, self._stations, self._reach_m)
         self._arrays = self._arrays._replace(candidates=self._candidates())
         height, width = camera.image_size[::-1]
         luma, face = np.empty((height, width), np.float32), np.empty((height, width), np.int16)
-        everywhere = np.full((height, width), SEARCH, np.int16), np.ones((height, width), np.bool_)
-        self._draw(self._stations.values(None), everywhere, luma, face)
+        at_rest, arrays = self._stations.values(None), self._arrays.plain()
+        render_pixels(arrays, at_rest, luma, face)
+        smooth_edges(arrays, at_rest, np.ones((height, width), np.bool_), luma, face, (0, height))
         for array in (luma, face):
             array.flags.writeable = False
         self.luma_at_rest, self.face_at_rest = luma, face
+        self._moving = np.array([*(face.moving for face in scene.faces), False])
+        self._tiles = _MovingTiles(scene, camera, self._arrays, face)
         self._plan = self._plan_pixels()
+        # Kept from frame to frame, because fresh memory costs as much as drawing.
+        self._face, self._edges = face.copy(), np.zeros(face.shape, np.bool_)
 
-    def render(self, displacement: Displacement | None = None) -> npt.NDArray[np.float32]:
+    @property
+    def pixels_per_metre(self) -> float:
+        """Bound on how far a moving point shifts in the image for a displacement of 1 m [px/m]."""
+        return max((_pixels_per_metre(face, self.camera) for face in self.scene.faces if face.moving), default=0.0)
+
+    def render(
+        self,
+        displacement: Displacement | None = None,
+        *,
+        rows: tuple[int, int] | None = None,
+        into: npt.NDArray[np.float32] | None = None,
+    ) -> npt.NDArray[np.float32]:
         """Luma of the displaced scene, shape (H, W), not rounded.
+
+        Parameters
+        ----------
+        displacement
+            Of the scene; ``None`` for none.
+        rows
+            First row to draw, and the one after the last; all when ``None``.
+        into
+            Picture whose rows are drawn anew and which is returned; a picture at rest when ``None``. A rolling shutter
+            is drawn band by band.
 
         Raises
         ------
         DatasetError
             The displacement has another shape, is not finite, or is larger than ``reach_m``.
         """
-        if displacement is None:
-            return self.luma_at_rest.copy()
+        luma = self.luma_at_rest.copy() if into is None else into
+        first, last = (0, len(luma)) if rows is None else rows
+        if into is not None:
+            luma[first:last] = self.luma_at_rest[first:last]
         values = self._stations.values(displacement)
         largest = float(np.linalg.norm(values, axis=1).max(initial=0))
         if not largest <= self._reach_m:
@@ -109,10 +142,22 @@ class Renderer:
                 f"displacement: expected at most reach_m = {self._reach_m} m, got {largest} m; make the renderer with "
                 "a larger reach_m"
             )
-        luma = self.luma_at_rest.copy()
-        if not values.any():
+        if not values.any() or not self._tiles.any:
             return luma
-        self._draw(values, self._plan, luma, self.face_at_rest.copy())
+        # The point spread reaches into the rows about the band, which show what they would at that instant.
+        around = max(0, first - EDGE_PX), min(len(luma), last + EDGE_PX)
+        kept = {row: luma[row].copy() for row in (*range(around[0], first), *range(last, around[1]))}
+        face, edges = self._face, self._edges
+        face[around[0] : around[1]] = self.face_at_rest[around[0] : around[1]]
+        arrays, tables = self._arrays.plain(), self._stations.in_face_axes(values)
+        reached, alone, front = self._plan
+        plan = (reached, alone, self._tiles.shifts(values, self._stations), self._moving, front)
+        # Small chunks of rows, because most of the work is in some of them.
+        with parallel_chunksize(_CHUNK_ROWS):
+            move_pixels(arrays, tables, plan, luma, face, edges, around)
+            smooth_edges(arrays, tables, edges, luma, face, (first, last))
+        for row, before in kept.items():
+            luma[row] = before
         return luma
 
     def chroma_at_rest(self) -> npt.NDArray[np.uint8]:
@@ -124,19 +169,6 @@ class Renderer:
         mean = full.reshape(full.shape[0] // 2, 2, full.shape[1] // 2, 2, 2).mean(axis=(1, 3))
         planes = np.clip(np.rint(mean + _NEUTRAL_CHROMA), 16, 240).astype(np.uint8)
         return np.ascontiguousarray(planes.transpose(2, 0, 1))
-
-    def _draw(
-        self,
-        values: FloatArray,
-        plan: tuple[_FaceImage, BoolArray],
-        luma: npt.NDArray[np.float32],
-        face: _FaceImage,
-    ) -> None:
-        arrays = self._arrays.plain()
-        # Small chunks of rows, because most of the work is in some of them.
-        with parallel_chunksize(_CHUNK_ROWS):
-            render_pixels(arrays, values, plan[0], luma, face)
-            smooth_edges(arrays, values, plan[1], luma, face)
 
     def _candidates(self) -> npt.NDArray[np.int64]:
         """Faces that each tile may show, also when displaced, shape (tiles_v, tiles_u, most); padded with -1."""
@@ -150,28 +182,25 @@ class Renderer:
         listed = np.where(np.take_along_axis(near, order, axis=0), order, -1)
         return np.ascontiguousarray(listed.transpose(1, 2, 0))
 
-    def _plan_pixels(self) -> tuple[_FaceImage, BoolArray]:
-        """What a frame must draw again, and where it must look for edges (see `render_pixels`, `smooth_edges`)."""
-        moving = np.array([*(face.moving for face in self.scene.faces), False])[self.face_at_rest]
-        if not moving.any() and self._shift_px == 0:
-            return np.full_like(self.face_at_rest, KEEP), np.zeros_like(moving)
-        reach = self._shift_px + EDGE_PX
+    def _plan_pixels(self) -> tuple[BoolArray, _FaceImage, BoolArray]:
+        """What a frame may change, the face alone around each pixel, and which faces stand in front (`move_pixels`)."""
+        moving, face = self._moving[self.face_at_rest], self.face_at_rest
         # What is just outside the image may come in.
+        reach = self._shift_px + EDGE_PX
         reached = maximum_filter(moving, 2 * reach + 1, mode="nearest") | _border(moving.shape, reach)
-        plan = np.where(self._mixed(self._shift_px), SEARCH, self.face_at_rest)
-        return np.where(reached, plan, KEEP).astype(np.int16), self._mixed(reach) & reached
-
-    def _mixed(self, radius: int) -> BoolArray:
-        """Pixels with more than one face within a square; those at the border, beyond which more may be."""
-        lowest = minimum_filter(self.face_at_rest, 2 * radius + 1, mode="nearest")
-        highest = maximum_filter(self.face_at_rest, 2 * radius + 1, mode="nearest")
-        return np.asarray((lowest != highest) | _border(lowest.shape, radius))
+        near = 2 * (EDGE_PX + 1 + self._tiles.spread_px(self._reach_m)) + 1
+        lowest, highest = minimum_filter(face, near, mode="nearest"), maximum_filter(face, near, mode="nearest")
+        mixed = (lowest != highest) | _border(face.shape, near // 2)
+        front = self._tiles.faces_in_front(self._arrays, self._moving)
+        several = np.where(maximum_filter(front[face], near, mode="nearest"), MIXED_FRONT, MIXED)
+        return reached, np.where(mixed, several, face).astype(np.int16), front
 
 
 class _Stations:
     """Where the displacement is asked for: along the centre line of every moving face."""
 
-    def __init__(self, faces: tuple[Face, ...], reach_m: float) -> None:
+    def __init__(self, scene: Scene, reach_m: float) -> None:
+        faces = scene.faces
         self.start = np.zeros(len(faces))
         self.count = np.zeros(len(faces), np.int64)
         lines = [np.zeros((0, 3))]
@@ -186,6 +215,17 @@ class _Stations:
                 lines.append(line)
         self.first = np.cumsum(self.count) - self.count
         self._positions = np.concatenate(lines)
+        self._axes = np.repeat(_face_axes(scene), self.count, axis=0)
+        self._order = np.argsort(self._positions[:, 2], kind="stable")
+
+    def in_face_axes(self, values: FloatArray) -> FloatArray:
+        """Displacements along each face's normal and unit vectors u and v, shape (N, 3) [m]."""
+        return np.ascontiguousarray(np.einsum("nai,ni->na", self._axes, values))
+
+    def near(self, values: FloatArray, longitudinal: FloatArray) -> FloatArray:
+        """Displacement of whatever moves about there, any shape to (..., 3) [m]."""
+        places = self._positions[self._order, 2]
+        return np.stack([np.interp(longitudinal, places, values[self._order, axis]) for axis in range(3)], axis=-1)
 
     def values(self, displacement: Displacement | None) -> FloatArray:
         """The displacement at all stations, shape (N, 3) [m]; zero for None."""
@@ -197,40 +237,69 @@ class _Stations:
         return np.ascontiguousarray(values)
 
 
-def quantize(
-    luma: npt.NDArray[np.float32], *, noise_std: float = 0.0, rng: np.random.Generator | None = None
-) -> npt.NDArray[np.uint8]:
-    """Luma as a camera's 8-bit video holds it: with sensor noise, rounded, limited to `LUMA_RANGE`.
+class _MovingTiles:
+    """How points of the moving faces shift in the image: in the middle of each tile, or of the nearest that has one."""
 
-    Parameters
-    ----------
-    luma
-        Any shape.
-    noise_std
-        Standard deviation of Gaussian noise, independent from pixel to pixel, in luma units.
-    rng
-        Source of the noise.
+    def __init__(self, scene: Scene, camera: Camera, arrays: CastArrays, face_at_rest: _FaceImage) -> None:
+        moving = np.array([*(face.moving for face in scene.faces), False])
+        height, width = face_at_rest.shape
+        rows, columns = (np.minimum(np.arange(0, n, TILE) + TILE // 2, n - 1) for n in (height, width))
+        face = face_at_rest[np.ix_(rows, columns)]
+        seen = moving[face]
+        self.any = bool(moving.any())
+        self._jacobian = np.zeros((*face.shape, 2, 3))
+        self._longitudinal = np.zeros(face.shape)
+        self._seen = seen
+        if not seen.any():
+            return
+        rays = arrays.rays[np.ix_(rows + 1, columns + 1)]
+        self._rays = np.concatenate([rays, np.ones((*face.shape, 1))], axis=-1)
+        normal = arrays.faces[face[seen], NORMAL : NORMAL + 3]
+        distance = arrays.faces[face[seen], OFFSET] / np.sum(normal * self._rays[seen], axis=1)
+        points = camera.center + distance[:, None] * self._rays[seen] @ camera.rotation
+        step = 1e-3
+        moved = camera.project(points + step * np.vstack([np.zeros(3), np.eye(3)])[:, None])
+        jacobian = np.zeros_like(self._jacobian)
+        jacobian[seen] = ((moved[1:] - moved[0]) / step).transpose(1, 2, 0)
+        nearest = distance_transform_edt(~seen, return_distances=False, return_indices=True)
+        self._jacobian = jacobian[tuple(nearest)]
+        longitudinal = np.zeros(face.shape)
+        longitudinal[seen] = points[:, 2]
+        self._longitudinal = longitudinal[tuple(nearest)]
 
-    Raises
-    ------
-    DatasetError
-        The noise is negative, or has no source.
-    """
-    if not noise_std >= 0 or (noise_std > 0 and rng is None):
-        raise DatasetError(f"noise_std: expected >= 0 and a generator for it, got {noise_std} and {rng}; pass rng")
-    noisy = luma
-    if rng is not None and noise_std > 0:
-        noisy = luma + np.float32(noise_std) * rng.standard_normal(luma.shape, dtype=np.float32)
-    return np.clip(np.rint(noisy), *LUMA_RANGE).astype(np.uint8)
+    def shifts(self, values: FloatArray, stations: "_Stations") -> FloatArray:
+        """Shift of moving points in each tile, shape (tiles_v, tiles_u, 2) [px]."""
+        displacement = stations.near(values, self._longitudinal)
+        return np.ascontiguousarray(np.einsum("tuij,tuj->tui", self._jacobian, displacement))
+
+    def spread_px(self, reach_m: float) -> int:
+        """Bound on how far shifts differ between points that are near each other in the image [px]."""
+        if not self._seen.any():
+            return 0
+        size = (5, 5, 1, 1)
+        spread = maximum_filter(self._jacobian, size) - minimum_filter(self._jacobian, size)
+        return int(np.ceil(reach_m * np.linalg.norm(spread, axis=(2, 3)).max()))
+
+    def faces_in_front(self, arrays: CastArrays, moving: BoolArray) -> BoolArray:
+        """Still faces that may hide a moving one, shape (F + 1,), the last for the sky."""
+        front = np.zeros(len(moving), np.bool_)
+        if not self._seen.any():
+            return front
+        listed = arrays.candidates
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normal = arrays.faces[listed, NORMAL : NORMAL + 3]
+            along = arrays.faces[listed, OFFSET] / np.einsum("tuki,tui->tuk", normal, self._rays)
+        usable = (listed >= 0) & (along > 0)
+        farthest = np.where(usable & moving[listed], along, -np.inf).max(axis=2, keepdims=True)
+        front[listed[usable & ~moving[listed] & (along < farthest)]] = True
+        return front
 
 
 def _cast_arrays(scene: Scene, camera: Camera, stations: _Stations, reach_m: float) -> CastArrays:
     lengths = np.array([face.size_m for face in scene.faces])
-    unit_u = np.array([face.edge_u for face in scene.faces]) / lengths[:, :1]
-    unit_v = np.array([face.edge_v for face in scene.faces]) / lengths[:, 1:]
-    normal = np.cross(unit_u, unit_v)
+    axes = _face_axes(scene)
     origin = np.array([face.origin for face in scene.faces])
-    offset = [np.sum((origin - camera.center) * axis, axis=1) for axis in (normal, unit_u, unit_v)]
+    offset = np.einsum("fai,fi->fa", axes, origin - camera.center)
     density = np.array([face.texture.texels_per_m for face in scene.faces])
     guard = np.full(len(scene.faces), GUARD)
     farthest = np.array([np.linalg.norm(face.corners - camera.center, axis=1).max() for face in scene.faces])
@@ -238,22 +307,34 @@ def _cast_arrays(scene: Scene, camera: Camera, stations: _Stations, reach_m: flo
     texels = np.array([spline.shape[::-1] for spline in scene.splines])
     first = np.cumsum([0] + [spline.size for spline in scene.splines[:-1]])
     table = stations.start - origin[:, 2]
+    seen = (axes @ camera.rotation.T).reshape(-1, 9)
     return CastArrays(
-        faces=np.column_stack([normal, unit_u, unit_v, *offset, lengths, density, table, reach, guard]),
+        faces=np.column_stack([seen, offset, lengths, density, table, reach, guard, axes[:, 1:, 2]]),
         layout=np.column_stack([first, texels, stations.first, stations.count]).astype(np.int64),
         coefficients=np.concatenate([spline.ravel() for spline in scene.splines]),
-        rotation=np.ascontiguousarray(camera.rotation.T),
         rays=_pixel_rays(camera),
         candidates=np.zeros((1, 1, 1), np.int64),
         sky=float(scene.sky),
     )
 
 
+def _face_axes(scene: Scene) -> FloatArray:
+    """Normal and unit vectors u and v of every face, shape (F, 3, 3)."""
+    units = np.array([[face.edge_u / face.size_m[0], face.edge_v / face.size_m[1]] for face in scene.faces])
+    return np.concatenate([np.cross(units[:, :1], units[:, 1:]), units], axis=1)
+
+
 def _pixel_rays(camera: Camera) -> FloatArray:
     """Undistorted rays of all pixel centres and of a border of one pixel, shape (H + 2, W + 2, 2)."""
     width, height = camera.image_size
-    u, v = np.meshgrid(np.arange(-1.0, width + 1), np.arange(-1.0, height + 1))
-    rays = camera.normalize(np.stack([u, v], axis=-1))
+    # A lens is smooth: undone on a coarse grid, it is interpolated to a billionth of a pixel.
+    u, v = (np.linspace(-1.0, n, max(8, 1 + -(-n // _RAY_STEP))) for n in (width, height))
+    coarse = camera.normalize(np.stack(np.meshgrid(u, v), axis=-1))
+    rays = np.full((height + 2, width + 2, 2), np.nan)
+    if np.isfinite(coarse).all():
+        for axis in range(2):
+            spline = RectBivariateSpline(v, u, coarse[..., axis], kx=5, ky=5)
+            rays[..., axis] = spline(np.arange(-1.0, height + 1), np.arange(-1.0, width + 1))
     if not np.isfinite(rays).all():
         raise CameraError(
             f"distortion: expected one that can be undone all over the image, got {camera.distortion.tolist()}; "
@@ -269,19 +350,13 @@ def _border(shape: tuple[int, ...], width: int) -> BoolArray:
     return border
 
 
-def _largest_shift(scene: Scene, camera: Camera, reach_m: float) -> int:
-    """Bound on how far a moving point shifts in the image [px]; 0 where nothing moves."""
-    gains = [_pixels_per_metre(face, camera) for face in scene.faces if face.moving]
-    return int(np.ceil(1.1 * reach_m * max(gains))) + 1 if gains else 0
-
-
 def _pixels_per_metre(face: Face, camera: Camera) -> float:
-    """Largest shift in the image of a visible point of the face, for a displacement of 1 m in any direction [px/m]."""
+    """Largest shift of a point of the face in or near the image, for a displacement of 1 m in any direction [px/m]."""
     share = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, _GRID)]), axis=-1).reshape(-1, 2)
     points = face.points3d(share * face.size_m)
     step = 1e-4
     moved = camera.project(points + step * np.vstack([np.zeros(3), np.eye(3)])[:, None])
-    margin = 0.05 * np.asarray(camera.image_size)
+    margin = _NEAR_IMAGE * np.asarray(camera.image_size)
     with np.errstate(invalid="ignore"):
         seen = np.all((moved[0] > -margin) & (moved[0] < np.asarray(camera.image_size) + margin), axis=1)
     jacobian = ((moved[1:] - moved[0])[:, seen] / step).transpose(1, 2, 0)

@@ -6,10 +6,11 @@ import pytest
 
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.structure_frame import structure_from_cam1
-from vfm_sdm.synthetic.field_test import demo_motion, demo_points
+from vfm_sdm.synthetic.field_test import demo_plan
 from vfm_sdm.synthetic.footbridge import FootbridgeSite, build_footbridge, make_camera
 from vfm_sdm.synthetic.motion import modal_displacement
-from vfm_sdm.synthetic.render import Renderer, quantize
+from vfm_sdm.synthetic.imager import Imager
+from vfm_sdm.synthetic.render import Renderer
 
 
 @pytest.fixture(scope="module")
@@ -55,13 +56,13 @@ def test_cameras_stand_as_two_on_one_bank_do(site, cameras):
     assert 3 <= np.linalg.norm(second.center - first.center) <= 4
     for camera in cameras:
         assert camera.center[0] < site.perpendicular_m - 3
-        assert 7 < np.linalg.norm(demo_points(site)[1].position - camera.center) < 12
+        assert 7 < np.linalg.norm(demo_plan(site=site).points[1].position - camera.center) < 12
     # Toed in, towards each other's view.
     assert second.rotation[2] @ first.rotation[2] < np.cos(np.deg2rad(15))
 
 
 def test_a_millimetre_on_the_girder_is_a_third_to_half_a_pixel(site, cameras):
-    for point in demo_points(site):
+    for point in demo_plan(site=site).points:
         for camera in cameras:
             down = np.add(point.position, [0, 1e-3, 0])
             pixels = np.linalg.norm(camera.project(down) - camera.project(point.position))
@@ -69,7 +70,7 @@ def test_a_millimetre_on_the_girder_is_a_third_to_half_a_pixel(site, cameras):
 
 
 def test_every_point_is_seen_where_it_should_be_in_both_views(site, scene, cameras, renderers):
-    for point in demo_points(site):
+    for point in demo_plan(site=site).points:
         for camera, renderer in zip(cameras, renderers, strict=True):
             u, v = np.rint(camera.project(point.position)).astype(int)
             assert 40 < u < site.image_size[0] - 40
@@ -104,7 +105,9 @@ def test_no_texture_is_finer_than_the_pixels_that_show_it(scene, cameras, render
 
 
 def test_views_share_enough_matches_off_one_plane_for_a_pose(scene, cameras, renderers):
-    images = [quantize(r.luma_at_rest, noise_std=1, rng=np.random.default_rng(k)) for k, r in enumerate(renderers)]
+    images = [
+        Imager(r.camera.image_size, noise_std=1.0, seed=(k,)).expose(r.luma_at_rest, 0) for k, r in enumerate(renderers)
+    ]
     sift = cv2.SIFT_create(3000)
     (first, a), (second, b) = (sift.detectAndCompute(image, None) for image in images)
     pairs = [m for m, n in cv2.BFMatcher().knnMatch(a, b, 2) if m.distance < 0.8 * n.distance]
@@ -132,11 +135,11 @@ def test_pictures_use_the_range_of_luma_without_leaving_it(renderers):
 def test_rendered_motion_of_the_demo_is_the_commanded_one(site, cameras, renderers):
     from rendered_scenes import register
 
-    motion = demo_motion(site)
+    motion = demo_plan(site=site).motion
     for time_s in (0.82, 1.37):
         for camera, renderer in zip(cameras, renderers, strict=True):
             moved = renderer.render(lambda X, t=time_s: modal_displacement([t], X, motion=motion)[0])
-            for point in demo_points(site)[:4]:
+            for point in demo_plan(site=site).points[:4]:
                 there = point.position + modal_displacement([time_s], [point.position], motion=motion)[0, 0]
                 pixel = camera.project(point.position)
                 found = register(renderer.luma_at_rest, moved, pixel)

@@ -13,7 +13,7 @@ from rendered_scenes import (
 
 from vfm_sdm.errors import CameraError, DatasetError
 from vfm_sdm.synthetic.raycast import BLUR_PX
-from vfm_sdm.synthetic.render import Renderer, quantize
+from vfm_sdm.synthetic.render import Renderer
 from vfm_sdm.synthetic.scene import Face, Mark, Scene, Texture
 
 DISTORTION = (-0.3, 0.1, 0.002, -0.001)
@@ -228,6 +228,19 @@ def test_refuses_displacements_that_it_cannot_draw(oblique_renderer, displacemen
         oblique_renderer.render(displacement)
 
 
+def test_rows_drawn_band_by_band_at_one_instant_make_the_whole_picture(oblique_renderer):
+    displacement = bend(np.array([0.002, -0.0031, 0.0012]), 3.5, 8.0)
+    whole = oblique_renderer.render(displacement)
+    bands = oblique_renderer.luma_at_rest.copy()
+    for first in range(0, len(whole), 32):
+        oblique_renderer.render(displacement, rows=(first, min(first + 32, len(whole))), into=bands)
+    np.testing.assert_array_equal(bands, whole)
+    again = oblique_renderer.render(rigid([0.0, 0, 0]), rows=(0, 32), into=bands)
+    assert again is bands
+    np.testing.assert_array_equal(bands[:32], oblique_renderer.luma_at_rest[:32])
+    np.testing.assert_array_equal(bands[32:], whole[32:])
+
+
 @pytest.mark.parametrize("reach", [-0.1, np.nan, np.inf])
 def test_refuses_a_reach_that_is_none(reach):
     with pytest.raises(DatasetError, match="reach_m: expected metres >= 0"):
@@ -235,26 +248,6 @@ def test_refuses_a_reach_that_is_none(reach):
 
 
 # --- what the video holds --------------------------------------------------------------------------------------------
-
-
-def test_quantized_luma_is_rounded_and_stays_within_the_range_of_video():
-    luma = np.array([[-5.0, 16.4, 99.5001, 300.0]], np.float32)
-    np.testing.assert_array_equal(quantize(luma), [[16, 16, 100, 235]])
-    assert quantize(luma).dtype == np.uint8
-
-
-def test_noise_has_its_standard_deviation_and_follows_the_generator():
-    luma = np.full((200, 200), 120.0, np.float32)
-    noisy = quantize(luma, noise_std=2.0, rng=np.random.default_rng(3))
-    assert noisy.std() == pytest.approx(np.hypot(2.0, np.sqrt(1 / 12)), rel=0.02)
-    np.testing.assert_array_equal(noisy, quantize(luma, noise_std=2.0, rng=np.random.default_rng(3)))
-    assert np.any(noisy != quantize(luma, noise_std=2.0, rng=np.random.default_rng(4)))
-
-
-@pytest.mark.parametrize("noise", [{"noise_std": 1.0}, {"noise_std": -1.0, "rng": np.random.default_rng(0)}])
-def test_quantize_refuses_noise_without_a_source_or_below_zero(noise):
-    with pytest.raises(DatasetError, match="noise_std: expected >= 0 and a generator"):
-        quantize(np.zeros((2, 2), np.float32), **noise)
 
 
 def test_chroma_shows_the_tints_of_the_faces():
