@@ -20,13 +20,17 @@ from rich.progress import (
 )
 
 from vfm_sdm import __version__, reports
+from vfm_sdm.accelerometer import RecipeSettings
 from vfm_sdm.demo import run_demo
 from vfm_sdm.environment import describe_environment
-from vfm_sdm.errors import VfmSdmError
+from vfm_sdm.errors import DatasetError, VfmSdmError
+from vfm_sdm.evaluation import evaluate_run, read_sensors, write_evaluation, write_reference
 from vfm_sdm.measurement import Run, measure
 from vfm_sdm.pipeline import Progress as Callback
+from vfm_sdm.protocol import run_benchmark
 from vfm_sdm.results import write_mat, write_uff
 from vfm_sdm.session import read_session
+from vfm_sdm.synthetic.presets import PRESETS, PresetName
 
 __all__ = ["app", "main"]
 
@@ -136,6 +140,95 @@ def displacement(session: _SessionFile, *, output: _Output) -> None:
 
 
 @app.command
+def reference(
+    *files: Annotated[Path, Parameter(help="CSV files, one a sensor, recorded on one clock.")],
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="File to write, such as reference.nc.")],
+    sensor: Annotated[tuple[str, ...], Parameter(help="Name of the sensor in each file; that of the file else.")] = (),
+    column: Annotated[
+        tuple[str, ...],
+        Parameter(
+            help="Which column holds what, such as vertical=-az or time=t; again for each. A - reverses the sign."
+        ),
+    ] = (),
+    units: Annotated[Literal["g", "m/s2", "mm", "m"], Parameter(help="Of the files' values.")] = "g",
+    rate: Annotated[float | None, Parameter(help="Samples a second, for files without a time column.")] = None,
+    onset: Annotated[float | None, Parameter(help="When the motion begins on the sensor's clock, in seconds.")] = None,
+    band: Annotated[tuple[float, float], Parameter(help="Lowest and highest frequency in Hz.")] = (1.0, 10.0),
+    integration: Annotated[Literal["trapezoid", "spline"], Parameter(help="Rule of integration.")] = "trapezoid",
+) -> None:
+    """Accelerometers' recordings to reference displacement, by the paper's recipe: writes a netCDF file.
+
+    Recordings of displacement (units mm or m) are taken as they are.
+    """
+    result = read_sensors(
+        files,
+        sensors=sensor,
+        columns=_named(column, "--column") or None,
+        units=units,
+        sampling_rate_hz=rate,
+        settings=RecipeSettings(onset_s=onset, band_hz=band, integration=integration),
+    )
+    _out.print(reports.reference_table(result))
+    _out.print(f"written: {write_reference(output, result)}")
+
+
+@app.command
+def evaluate(
+    run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
+    against: Annotated[
+        Path, Parameter(help="truth.nc, a file of `vfm-sdm reference`, or a sensor's CSV file that the session names.")
+    ],
+    *,
+    pair: Annotated[tuple[str, ...], Parameter(help="point=sensor; again for each. Those of the session else.")] = (),
+    axis: Annotated[tuple[str, ...], Parameter(help="Axis to compare; again for each.")] = ("lateral", "vertical"),
+    band: Annotated[tuple[float, float] | None, Parameter(help="Filter both to these frequencies in Hz.")] = None,
+    synchronize: Annotated[
+        bool | None, Parameter(help="Estimate the lag of the reference's clock; left out, only of sensors.")
+    ] = None,
+    search: Annotated[float, Parameter(help="Seconds around --start-lag in which the lag is searched.")] = 5.0,
+    start_lag: Annotated[float, Parameter(help="Lag of the reference in seconds, as far as it is known.")] = 0.0,
+) -> None:
+    """Compare a measurement with a reference: prints the figures and writes evaluation.json into the run folder."""
+    result = evaluate_run(
+        run,
+        against,
+        pairs=_named(pair, "--pair") or None,
+        axes=axis,
+        band_hz=band,
+        synchronize=synchronize,
+        search_s=search,
+        start_lag_s=start_lag,
+    )
+    _out.print(reports.evaluation_table(result))
+    for note in result.notes:
+        _out.print(f"note: {note}", style="yellow", markup=False, highlight=False)
+    _out.print(f"written: {write_evaluation(run, result)}")
+    if not result.rows_with_figures:
+        _fail(f"no figures: {result.notes[-1]}")
+
+
+@app.command(name="benchmark")
+def benchmark_command(
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Folder to write to.")],
+    size: Annotated[
+        Literal["small", "full"], Parameter(help="small: minutes; full: 4K, 16 s, an hour or two.")
+    ] = "small",
+    data: Annotated[tuple[PresetName, ...], Parameter(help="Field tests; all when left out.")] = PRESETS,
+    sensitivity: Annotated[bool, Parameter(help="Also study how errors grow as conditions get worse.")] = True,
+) -> None:
+    """The paper's protocol on virtual field tests: every table and figure, against truth and accelerometers.
+
+    What is finished in the folder is not done again, so a run that was cut short goes on where it was.
+    """
+    with _progress() as progress:
+        result = run_benchmark(output, size=size, names=data, sensitivity=sensitivity, progress=progress)
+    for table in reports.benchmark_tables(result):
+        _out.print(table)
+    _out.print(f"written: {output / 'README.md'}, tables and figures beside it; {result.seconds / 60:.1f} min")
+
+
+@app.command
 def info() -> None:
     """Versions, processors, codecs, and which back ends can run here and why others cannot."""
     for name, lines in describe_environment().items():
@@ -148,6 +241,17 @@ def _fail(reason: str) -> NoReturn:
     """Ends with status 3: the input was right, the data did not allow a result."""
     _err.print(f"vfm-sdm: {reason}", style="red", markup=False, highlight=False, soft_wrap=True)
     sys.exit(3)
+
+
+def _named(words: Sequence[str], option: str) -> dict[str, str]:
+    """Name and value of every ``name=value``."""
+    named: dict[str, str] = {}
+    for word in words:
+        name, found, value = word.partition("=")
+        if not (name and found and value) or name in named:
+            raise DatasetError(f"{option}: expected name=value, each name once, got {word!r}; correct it")
+        named[name] = value
+    return named
 
 
 @contextmanager

@@ -31,6 +31,7 @@ def compute_displacement(
     *,
     frame: StructureFrame | None = None,
     covariance: FloatArray | None = None,
+    refinement_gain: FloatArray | None = None,
     still_interval_s: tuple[float, float] | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
@@ -48,6 +49,9 @@ def compute_displacement(
     covariance
         Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when nothing is known of it,
         and then ``scale_std`` is NaN.
+    refinement_gain
+        Where the tracks were refined: refined displacement along each axis from displacement along each as the images
+        alone give it, shape (P, 3, 3) [1]; NaN for points that were not refined.
     still_interval_s
         Displacement is relative to the mean over this interval; else to the first valid sample of each point.
     attrs
@@ -86,6 +90,9 @@ def compute_displacement(
     # Pixels hardly move compared with the distance: one linearisation a point serves the whole recording.
     anchor = _first_valid(pixels, valid)
     jacobian = np.einsum("ai,pivk->pavk", rotation, triangulation_jacobian(anchor, rig))
+    if refinement_gain is not None:
+        applied = np.where(np.isfinite(refinement_gain), refinement_gain, np.eye(3))
+        jacobian = np.einsum("pab,pbvk->pavk", applied, jacobian)
     random = compute_position_covariance(jacobian, tracks["position_covariance"].values)
     random_std = np.sqrt(np.einsum("tpaa->tpa", random))
 

@@ -18,7 +18,7 @@ import xarray as xr
 from vfm_sdm.arrays import LumaArray
 from vfm_sdm.cameras.base import find_estimator
 from vfm_sdm.cameras.solution import CameraSolution, read_solution, write_solution
-from vfm_sdm.errors import BackendUnavailableError, ResultsError
+from vfm_sdm.errors import ResultsError
 from vfm_sdm.pipeline import Progress, displacement_of, open_views, solve_cameras, track_views
 from vfm_sdm.plots import save_figures
 from vfm_sdm.results import (
@@ -29,6 +29,7 @@ from vfm_sdm.results import (
     write_tracks,
 )
 from vfm_sdm.session import Session, file_hash, session_hash, write_session
+from vfm_sdm.synchronize import LagStatus
 from vfm_sdm.tracking.base import Tracker, find_tracker
 from vfm_sdm.video import Video
 
@@ -97,11 +98,6 @@ class Run:
         """
         find_estimator(self.session.method.cameras)
         self._tracker()
-        if self.session.method.refinement != "none":
-            raise BackendUnavailableError(
-                f"refinement: expected 'none', got {self.session.method.refinement!r}, which this version does not "
-                'have yet; set method.refinement = "none"'
-            )
 
     @property
     def videos(self) -> dict[str, Video]:
@@ -192,7 +188,7 @@ class Run:
         summary = {
             "name": self.session.name,
             "status": cameras.status,
-            "notes": [*cameras.notes, *_recording_notes(tracks)],
+            "notes": [*cameras.notes, *_recording_notes(tracks), *_displacement_notes(displacement)],
             "points": {} if displacement is None else summarize_displacement(displacement),
             "frame": None if displacement is None else displacement.attrs["frame"],
             "cameras": {
@@ -201,6 +197,8 @@ class Run:
                 "point_status": {v: dict(p) for v, p in cameras.point_status.items()},
             },
             "recordings": {view: _recording(t) for view, t in tracks.items()},
+            "clocks": {} if displacement is None else _clocks(displacement, list(tracks)),
+            "refinement": {} if displacement is None else _refinement(displacement),
             "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
             "reused_stages": list(self.reused),
             "versions": versions(),
@@ -336,3 +334,45 @@ def _recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
             if record.get(what, 0):
                 notes.append(f"view {view!r}: {record[what]} {what} frames of {record['frames']}")
     return notes
+
+
+def _clocks(displacement: xr.Dataset, views: list[str]) -> dict[str, Any]:
+    """What is known of each further view's clock, by view."""
+    clocks = {}
+    for view in views[1:]:
+        if f"clock_{view}_status" in displacement.attrs:
+            offset, std, ratio = (float(value) for value in displacement.attrs[f"clock_{view}"])
+            status = displacement.attrs[f"clock_{view}_status"]
+            clocks[view] = {"status": status, "offset_s": offset, "offset_std_s": std, "rate_ratio": ratio}
+    return clocks
+
+
+def _refinement(displacement: xr.Dataset) -> dict[str, Any]:
+    """What became of each point in the refinement, by point; empty without one."""
+    if "prior_share" not in displacement:
+        return {}
+    rows = zip(
+        displacement["point"].values,
+        displacement.attrs["refinement_status"],
+        displacement.attrs["refined_view"],
+        displacement["prior_share"].values,
+        strict=True,
+    )
+    return {
+        str(point): {"status": status, "view": view or None, "prior_share": float(share)}
+        for point, status, view, share in rows
+    }
+
+
+def _displacement_notes(displacement: xr.Dataset | None) -> list[str]:
+    """Views whose offset the motion did not tell, and points that were not refined."""
+    if displacement is None:
+        return []
+    notes = [
+        f"view {name.removeprefix('clock_').removesuffix('_status')!r}: not synchronised by its motion: {status}; the "
+        "stated time offset was taken"
+        for name, status in displacement.attrs.items()
+        if str(name).startswith("clock_") and str(name).endswith("_status") and status != LagStatus.OK
+    ]
+    refined = _refinement(displacement)
+    return notes + [f"point {p!r}: not refined: {row['status']}" for p, row in refined.items() if row["status"] != "ok"]

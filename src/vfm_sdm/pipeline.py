@@ -16,23 +16,34 @@ from vfm_sdm.cameras.site import adjust_to_site
 from vfm_sdm.cameras.solution import CameraSolution
 from vfm_sdm.datasets import Status, make_tracks
 from vfm_sdm.displacement import compute_displacement, compute_planar_displacement
-from vfm_sdm.errors import SessionError
+from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
-from vfm_sdm.session import Session
-from vfm_sdm.synchronize import align_views
+from vfm_sdm.refinement import Refinement, SgrSettings, SgrWeights, refine
+from vfm_sdm.session import Session, View
+from vfm_sdm.synchronize import Synchronization, align_views, synchronize_views
 from vfm_sdm.tracking.base import Tracker
 from vfm_sdm.tracking.correspondence import OK, find_correspondences
 from vfm_sdm.tracking.template import scale_factor
 from vfm_sdm.video import Video, open_images, open_video
 
-__all__ = ["ONE_VIEW", "Progress", "displacement_of", "open_views", "solve_cameras", "track_views"]
+__all__ = [
+    "ONE_VIEW",
+    "Progress",
+    "displacement_of",
+    "open_views",
+    "solve_cameras",
+    "synchronize_tracks",
+    "track_views",
+]
 
 Progress = Callable[[str, int, int | None], None]
 """Called with what is being done, the steps done and the steps in all (None when unknown)."""
 
 ONE_VIEW = "one view: motion in the image plane only"
 
+_SEARCH_S = 3.0
+"""How far from the stated offset between views the true one may be [s]."""
 _NAMED_PIXEL_STD = 0.5
 """How well a user points at the end of a length [px]."""
 _EPIPOLAR_BAND = 5e-3
@@ -159,25 +170,97 @@ def track_views(
     return tracks
 
 
+def synchronize_tracks(
+    session: Session, tracks: Mapping[str, xr.Dataset]
+) -> tuple[xr.Dataset, dict[str, Synchronization]]:
+    """Tracks of all views on the reference view's clock, and what is known of each view's clock.
+
+    The offset is estimated from the moving points where the session says so; where their motion does not tell it, the
+    stated offset stands and the status says why.
+
+    Raises
+    ------
+    DatasetError
+        The recordings do not overlap.
+    """
+    stated = {view.name: _stated_offset(session, view) for view in session.view}
+    found: dict[str, Synchronization] = {}
+    moving = [p.name for p in session.point if not p.static]
+    if session.method.synchronization == "motion" and moving:
+        for view in session.view:
+            pair = {session.reference_view.name: tracks[session.reference_view.name], view.name: tracks[view.name]}
+            one = synchronize_views(
+                pair, start_offsets_s=stated, start_std_s=view.time_offset_std_s, points=moving, search_s=_SEARCH_S
+            )
+            found[view.name] = one[view.name]
+    known = {name: one for name, one in found.items() if one.ok}
+    offsets = {name: known[name].offset_s if name in known else offset for name, offset in stated.items()}
+    return align_views(tracks, offsets, {name: one.rate_ratio for name, one in known.items()}), found
+
+
 def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution: CameraSolution) -> xr.Dataset | None:
     """Displacement dataset from tracks of all views and the cameras.
 
     A single view gives motion in the image plane if a length between two of its points is known. ``None`` where there
     is neither a rig nor such a length; the status of the solution says why.
+
+    Raises
+    ------
+    DatasetError
+        The recordings do not overlap, or the refinement was asked for without the structure's axes or two views.
     """
     if solution.rig is None and len(session.view) == 1 and session.site.length:
         return _planar_displacement(session, tracks[session.view[0].name])
     if solution.rig is None:
         return None
-    offsets = {view.name: view.time_offset_s for view in session.view}
-    return compute_displacement(
-        align_views(tracks, offsets),
+    aligned, clocks = synchronize_tracks(session, tracks)
+    refinement = None
+    if session.method.refinement == "sgr":
+        refinement = _refine(session, aligned, solution)
+    displacement = compute_displacement(
+        aligned if refinement is None else refinement.tracks,
         solution.rig,
         frame=solution.frame,
         covariance=solution.covariance,
+        refinement_gain=None if refinement is None else refinement.gain,
         still_interval_s=session.method.still_interval_s,
-        attrs={"camera_status": solution.status, "tracker": session.method.tracker, "cameras": session.method.cameras},
+        attrs={
+            "camera_status": solution.status,
+            "tracker": session.method.tracker,
+            "cameras": session.method.cameras,
+            "refinement": session.method.refinement,
+        },
     )
+    for view, clock in clocks.items():
+        displacement.attrs[f"clock_{view}"] = [clock.offset_s, clock.lag_std_s, clock.rate_ratio]
+        displacement.attrs[f"clock_{view}_status"] = clock.status
+    if refinement is not None:
+        displacement["refinement_correction"] = (("time", "point"), refinement.correction_px, {"units": "px"})
+        displacement["prior_share"] = (("point",), refinement.prior_share, {"units": "1"})
+        displacement.attrs["refinement_status"] = list(refinement.status)
+        displacement.attrs["refined_view"] = [view or "" for view in refinement.uncertain_view]
+    return displacement
+
+
+def _refine(session: Session, aligned: xr.Dataset, solution: CameraSolution) -> Refinement:
+    if solution.rig is None or solution.frame is None:
+        raise DatasetError(
+            "refinement: expected the structure's axes, got none; measure perpendicular_distance and "
+            'longitudinal_distance, or set method.refinement = "none"'
+        )
+    sgr = session.method.sgr
+    weights = SgrWeights(sgr.longitudinal, sgr.longitudinal_rate, sgr.others, sgr.others_rate, sgr.pixel)
+    settings = SgrSettings(weights, suppressed_axis=sgr.suppressed_axis, uncertain_view=sgr.uncertain_view)
+    interval = session.method.still_interval_s
+    return refine(aligned, solution.rig, solution.frame, settings=settings, still_interval_s=interval)
+
+
+def _stated_offset(session: Session, view: View) -> float:
+    """How much later a view begins than the reference view, as far as the session says [s]."""
+    first = session.reference_view.start
+    if view.start is not None and first is not None:
+        return (view.start - first).total_seconds()
+    return view.time_offset_s
 
 
 def _planar_displacement(session: Session, tracks: xr.Dataset) -> xr.Dataset:

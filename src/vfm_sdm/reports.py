@@ -12,14 +12,31 @@ from rich.text import Text
 
 from vfm_sdm.cameras.solution import CameraSolution
 from vfm_sdm.datasets import STATUS_MEANINGS, Status
+from vfm_sdm.evaluation import Evaluation, EvaluationRow
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.results import summarize_displacement
 from vfm_sdm.tracking.correspondence import OK
 
 if TYPE_CHECKING:
     from vfm_sdm.demo import DemoResult
+    from vfm_sdm.protocol import Benchmark
+    from vfm_sdm.protocol import Table as ProtocolTable
 
-__all__ = ["camera_report", "displacement_table", "measurement_report", "track_table", "truth_table"]
+__all__ = [
+    "benchmark_tables",
+    "camera_report",
+    "displacement_table",
+    "evaluation_table",
+    "measurement_report",
+    "reference_table",
+    "track_table",
+    "truth_table",
+]
+
+
+_CASE_COLUMNS = 3
+_SUMMARY_ROWS = 2
+"""Mean and standard deviation, at the end of a table."""
 
 
 def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
@@ -130,6 +147,87 @@ def truth_table(result: "DemoResult") -> Table:
             f"{row.rms_error_mm:.3f}",
             _number(row.gain, "{:.3f}"),
         )
+    return table
+
+
+def reference_table(reference: xr.Dataset) -> Table:
+    """Onset, samples, replaced outliers and peak-to-peak of each sensor of a reference dataset."""
+    low, high = reference.attrs["band_hz"]
+    title = Text(
+        f"Reference displacement, {low:g} to {high:g} Hz, onset {reference.attrs.get('onset_status', 'given')}"
+    )
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    axes = [str(axis) for axis in reference["axis"].values]
+    for name in ("sensor", "onset [s]", "samples", "outliers", *(f"{axis} p-p [mm]" for axis in axes)):
+        table.add_column(Text(name), justify="left" if name == "sensor" else "right")
+    for sensor in reference["sensor"].values:
+        one = reference.sel(sensor=sensor)
+        spans = one["displacement"].max("time") - one["displacement"].min("time")
+        table.add_row(
+            str(sensor),
+            f"{reference.attrs['onset_s']:.3f}",
+            str(int(one["displacement"].notnull().all("axis").sum())),
+            str(int(one["outliers"].sum())) if "outliers" in one else "-",
+            *(_number(float(span), "{:.3f}") for span in spans),
+        )
+    return table
+
+
+def evaluation_table(evaluation: Evaluation) -> Table:
+    """The paper's metrics and what they hide, a point and axis, with mean and standard deviation of the former.
+
+    ``cover`` is the share of samples whose stated interval, nominally 95 %, holds the reference.
+    """
+    title = f"Compared with {evaluation.reference_name}"
+    if evaluation.band_hz is not None:
+        title += ", {:g} to {:g} Hz".format(*evaluation.band_hz)
+    lag = evaluation.synchronization
+    if lag is not None and lag.ok:
+        title += f", lag {1e3 * lag.lag_s:.1f} +- {1e3 * lag.lag_std_s:.1f} ms"
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("point")
+    table.add_column("axis", no_wrap=True)
+    for name in ("NRMSE", "corr.", "RPPAE", "gain", "skill", "lag ms", "cover %", "RMS mm"):
+        table.add_column(name, justify="right", no_wrap=True)
+    previous = None
+    for row in evaluation.rows:
+        table.add_row("" if row.point == previous else row.point, row.axis, *_figures(row))
+        previous = row.point
+    table.add_section()
+    metrics = evaluation.mean_and_std().values()
+    counted = f"{len(evaluation.rows_with_figures)} of {len(evaluation.rows)}"
+    table.add_row("mean", counted, *(_number(mean, "{:.3f}") for mean, _ in metrics))
+    table.add_row("std", "", *(_number(std, "{:.3f}") for _, std in metrics))
+    return table
+
+
+def _figures(row: EvaluationRow) -> Iterator[str]:
+    score = row.score
+    for value in (score.nrmse_range, score.correlation, score.rppae, score.gain, score.skill):
+        yield _number(value, "{:.3f}")
+    yield _number(score.lag_s, "{:.1f}", 1e3)
+    yield _number(score.coverage, "{:.0f}", 100)
+    yield _number(row.rms_error_mm, "{:.3f}")
+
+
+def benchmark_tables(benchmark: "Benchmark") -> Iterator[RenderableType]:
+    """Every case with SGR against truth and against the accelerometers; field tests outside the assumptions apart."""
+    for against in ("truth", "accelerometers"):
+        title = Text(f"Protocol, with SGR, against {against}")
+        yield _score_table(title, benchmark.tables[f"refinement_against_{against}"], ": with SGR")
+    outside = benchmark.tables["outside_assumptions"]
+    if len(outside.rows) > _SUMMARY_ROWS:
+        yield _score_table(Text(outside.title, style="red"), outside, ": with SGR")
+
+
+def _score_table(title: Text, source: "ProtocolTable", suffix: str) -> Table:
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    chosen = [n for n, name in enumerate(source.columns) if n < _CASE_COLUMNS or name.endswith(suffix)]
+    for n in chosen:
+        name = source.columns[n].removesuffix(suffix)
+        table.add_column(Text(name), justify="left" if n < _CASE_COLUMNS else "right", no_wrap=n < _CASE_COLUMNS)
+    for row in source.rows:
+        table.add_row(*(c if isinstance(c := row[n], str) else _number(c, "{:.3f}") for n in chosen))
     return table
 
 

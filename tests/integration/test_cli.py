@@ -1,12 +1,17 @@
 """Every command as a user would type it."""
 
+import json
+import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from scenes import write_scene
 from vfm_sdm.cli import main
+from vfm_sdm.datasets import STRUCTURE_AXES, make_displacement
+from vfm_sdm.results import write_displacement
 from vfm_sdm.session import Session, read_session, write_session
 
 
@@ -60,6 +65,93 @@ def test_stages_one_by_one(command, session_file, tmp_path):
     assert (tmp_path / "displacement.nc").exists()
 
 
+def vibration(time_s):
+    """Displacement [m] along all axes, at rest for the first second; shape (T, 3)."""
+    swell = np.clip((time_s - 1) / 2, 0, 1) ** 3
+    beat = np.sin(2 * np.pi * 2.3 * time_s + 0.8 * np.sin(0.7 * time_s)) * swell
+    return 1e-3 * beat[:, None] * [2.0, 4.0, 0.1]
+
+
+@pytest.fixture(scope="module")
+def sensor_file(tmp_path_factory):
+    """An accelerometer's file, 1.5 s behind the video, with a column of another name and the other sign."""
+    stamps, step = np.arange(20 * 64) / 64, 1e-3
+    before, now, after = (vibration(stamps - 1.5 + shift) for shift in (-step, 0, step))
+    acceleration = (before - 2 * now + after) / step**2 / 9.80665 + [0, -1, 0]
+    rows = np.column_stack([stamps, acceleration * [1, -1, 1]])
+    path = tmp_path_factory.mktemp("sensor") / "acc.csv"
+    lines = [",".join(f"{value:.9f}" for value in row) for row in rows]
+    path.write_text("\n".join(["time,lateral,up,longitudinal", *lines]) + "\n")
+    return path
+
+
+@pytest.fixture
+def run_folder(tmp_path):
+    """A run folder with the displacement of one point, exact but for a little noise."""
+    time_s = np.arange(450) / 30
+    values = 1e3 * vibration(time_s)[:, None] + 0.01 * np.random.default_rng(1).standard_normal((450, 1, 3))
+    displacement = make_displacement(
+        time_s,
+        ["mid"],
+        STRUCTURE_AXES,
+        displacement_mm=values,
+        displacement_std_mm=np.full(values.shape, 0.01),
+        scale_std=np.zeros((1, 3)),
+        position_m=np.zeros(values.shape),
+        reprojection_error_px=np.zeros((450, 1)),
+        status=np.zeros((450, 1), int),
+        attrs={"frame": "structure"},
+    )
+    write_displacement(tmp_path / "run", displacement)
+    return tmp_path / "run"
+
+
+def test_reference_and_evaluate(command, sensor_file, run_folder, tmp_path):
+    columns = [f"--column={name}" for name in ("lateral=lateral", "vertical=-up")]
+    status, out, _ = command("reference", sensor_file, "-o", tmp_path / "ref.nc", "--sensor", "acc-1", *columns)
+    assert status == 0
+    assert "onset detected" in out
+    assert "acc-1" in out
+    assert "longitudinal" not in out
+    status, out, _ = command("evaluate", run_folder, tmp_path / "ref.nc", "--pair", "mid=acc-1")
+    assert status == 0
+    assert re.search(r"Compared with sensors acc-1, 1 to 10 Hz, lag (149|150)\d\.\d \+- 0\.\d ms", out)
+    assert re.search("mean +2 of 2 ", out)
+    written = json.loads((run_folder / "evaluation.json").read_text())
+    assert written["mean"]["correlation"] > 0.99
+    assert written["synchronization"]["lag_s"] == pytest.approx(1.5, abs=2e-3)
+    options = ["--no-synchronize", "--start-lag", "1.5", "--axis", "vertical", "--band", "1.5", "6"]
+    status, out, _ = command("evaluate", run_folder, tmp_path / "ref.nc", "--pair", "mid=acc-1", *options)
+    assert status == 0
+    assert re.search(r"Compared with sensors acc-1, 1\.5 to 6 Hz *\n", out)
+    assert re.search("mean +1 of 1 ", out)
+    status, out, _ = command("evaluate", run_folder, run_folder / "displacement.nc")
+    assert status == 0
+    assert "100" in out
+
+
+def test_a_reference_that_does_not_fit_is_refused(command, sensor_file, run_folder, tmp_path):
+    status, _, err = command("reference", sensor_file, "-o", tmp_path / "ref.nc")
+    assert status == 1
+    assert "expected a column 'vertical'" in err
+    status, _, err = command("reference", sensor_file, "-o", tmp_path / "ref.nc", "--column", "vertical")
+    assert status == 1
+    assert "--column: expected name=value, each name once, got 'vertical'" in err
+    status, _, err = command("evaluate", run_folder, sensor_file)
+    assert status == 1
+    assert "convert the file with `vfm-sdm reference`" in err
+
+
+def test_no_lag_is_status_three(command, sensor_file, run_folder, tmp_path):
+    command("reference", sensor_file, "-o", tmp_path / "ref.nc", "--column=vertical=-up", "--onset", "2")
+    options = ["--pair", "mid=acc", "--search", "0.1", "--start-lag", "20"]
+    status, out, err = command("evaluate", run_folder, tmp_path / "ref.nc", *options)
+    assert status == 3
+    assert "no figures: lag of the reference unknown: too short" in err
+    assert re.search("mean +0 of 1 ", out)
+    assert json.loads((run_folder / "evaluation.json").read_text())["mean"]["correlation"] is None
+
+
 def test_info(command):
     status, out, _ = command("info")
     assert status == 0
@@ -78,7 +170,7 @@ def test_version_and_help(command):
     assert command("--version")[1].strip() == "0.1.0"
     status, out, _ = command("--help")
     assert status == 0
-    for name in ("demo", "measure", "track", "cameras", "displacement", "info"):
+    for name in ("demo", "measure", "track", "cameras", "displacement", "reference", "evaluate", "info"):
         assert name in out
 
 

@@ -32,6 +32,7 @@ __all__ = [
     "Point",
     "Sensor",
     "Session",
+    "Sgr",
     "View",
 ]
 
@@ -40,6 +41,17 @@ _ViewName = Annotated[Name, Field(pattern=r"^[^/\\]+$")]  # becomes a netCDF gro
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
 _Pixel = tuple[_Coordinate, _Coordinate]
+_Weight = Annotated[Number, Field(ge=0)]
+
+
+def _instant(value: object) -> object:
+    if not isinstance(value, (str, datetime)):
+        # pydantic would take a number for seconds since 1970; it reports a ValueError with the key, a TypeError not.
+        raise ValueError(f"expected a date and time such as 2026-11-20T10:15:30.25Z, got {value!r}")  # noqa: TRY004
+    return value
+
+
+_Start = Annotated[AwareDatetime, BeforeValidator(_instant)]
 
 
 class Lens(Entry):
@@ -97,7 +109,12 @@ class View(Entry):
     camera: _PathField | None = None
     """File with the known camera, own TOML or OpenCV YAML."""
     time_offset_s: Number = 0.0
-    """How much later this view's first frame was taken than the reference view's first frame [s]."""
+    """How much later this view's first frame was taken than the reference view's first frame [s]; roughly, where the
+    motion gives it exactly (`Method.synchronization`)."""
+    time_offset_std_s: Positive | None = None
+    """Standard deviation of that [s]; it decides between peaks where the motion alone cannot."""
+    start: _Start | None = None
+    """When the first frame was taken, with its offset from UTC: another way to state the time offset."""
     level: Level | None = None
 
     @model_validator(mode="after")
@@ -124,13 +141,6 @@ class Point(Entry):
     """Positions in other views, by view name, where the search must not decide [px]."""
 
 
-def _instant(value: object) -> object:
-    if not isinstance(value, (str, datetime)):
-        # pydantic would take a number for seconds since 1970; it reports a ValueError with the key, a TypeError not.
-        raise ValueError(f"expected a date and time such as 2026-11-20T10:15:30.25Z, got {value!r}")  # noqa: TRY004
-    return value
-
-
 class Sensor(Entry):
     """A reference sensor's recording and the point it sits at."""
 
@@ -142,7 +152,7 @@ class Sensor(Entry):
     units: Literal["g", "m/s2", "mm", "m"] | None = None
     """Acceleration (``g``, ``m/s2``) or displacement (``mm``, ``m``)."""
     sampling_rate_hz: Positive | None = None
-    start: Annotated[AwareDatetime, BeforeValidator(_instant)] | None = None
+    start: _Start | None = None
     """When the first sample was taken, with its offset from UTC."""
 
 
@@ -175,12 +185,28 @@ def _subset(size: int) -> int:
     return size
 
 
+class Sgr(Entry):
+    """Settings of the structural geometry refinement, `vfm_sdm.refinement.SgrSettings`; the paper's by default."""
+
+    suppressed_axis: Literal["lateral", "vertical", "longitudinal"] = "longitudinal"
+    uncertain_view: Name = "auto"
+    """Name of the view to correct, or the one that each point's covariances show to be the poorer."""
+    longitudinal: _Weight = 4.0
+    longitudinal_rate: _Weight = 8.0
+    others: _Weight = 6.0
+    others_rate: _Weight = 12.0
+    pixel: Positive = 0.05
+
+
 class Method(Entry):
     """How to measure."""
 
     tracker: Name = "icgn"
     cameras: Name = "two-view"
     refinement: Literal["none", "sgr"] = "none"
+    synchronization: Literal["motion", "none"] = "motion"
+    """Whether the offset between views is estimated from the points' motion, or taken as stated."""
+    sgr: Sgr = Sgr()
     still_interval_s: Annotated[tuple[Number, Number], AfterValidator(_increasing)] | None = None
     """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""
     subset_px: Annotated[int, Strict(), AfterValidator(_subset)] = 41

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,13 @@ import xarray as xr
 
 from vfm_sdm import __version__
 from vfm_sdm.arrays import FloatArray
+from vfm_sdm.cameras.file import write_rig
 from vfm_sdm.datasets import STRUCTURE_AXES, Status, make_displacement
 from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.files import replace_file
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.session import (
+    Length,
     Lens,
     Level,
     Measured,
@@ -44,6 +48,7 @@ _SENSOR_WIDTH_MM = 6.17
 _SENSOR_MARGIN_S = 2.0
 """How much longer than the videos the accelerometers record [s]."""
 _SUBSET_PX = 61
+_PARAMETERS = len(CAMERA_PARAMETERS)
 _DEMO_FPS = 30
 _DEMO_MODES = (
     Mode("vertical", 2.2, 4.5, damping_ratio=0.012),
@@ -61,9 +66,9 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
     Parameters
     ----------
     folder
-        New, empty, or of an earlier field test, which is replaced; videos of the same plan are kept, so that work that
-        was cut short goes on. Gets ``left.mp4``, ``right.mp4``, a CSV file for every accelerometer, ``session.toml``
-        and ``truth.nc``, the displacement dataset's layout, exact.
+        New, empty, or of an earlier field test, which is replaced; videos that would be the same are kept, so that work
+        that was cut short goes on. Gets ``left.mp4``, ``right.mp4``, a CSV file for every accelerometer,
+        ``session.toml``, ``truth.nc``, the displacement dataset's layout, exact, and ``cameras_true.toml``.
     plan
         What to film; the same plan gives the same bytes.
     progress
@@ -81,22 +86,25 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
     Values in the session are the true ones with errors of the size of their standard deviations. The displacement in
     ``truth.nc`` is along the true structural axes, relative to the rest, at the frames of the reference view.
     """
-    files = [f"{name}.mp4" for name in _VIEWS] + [f"{m.sensor.name}.csv" for m in plan.accelerometers]
-    target, same = _prepare(Path(folder), files, plan)
+    videos = [f"{name}.mp4" for name in _VIEWS]
+    target, films = _prepare(Path(folder), [*videos, *(f"{m.sensor.name}.csv" for m in plan.accelerometers)])
     try:
+        for number, video in enumerate(videos):
+            if films[number] != _film_hash(plan, number):
+                (target / video).unlink(missing_ok=True)
+        with replace_file(target / "truth.nc") as temporary:
+            _truth(plan).to_netcdf(temporary, engine="h5netcdf")
         for number in range(len(plan.accelerometers)):
             _write_sensor(target, plan, number)
-        if not same:
-            for name in files[: len(_VIEWS)]:
-                (target / name).unlink(missing_ok=True)
-            with replace_file(target / "truth.nc") as temporary:
-                _truth(plan).to_netcdf(temporary, engine="h5netcdf")
+        # What a camera calibrated beforehand would be taken from.
+        cameras = Rig.from_world(_VIEWS, plan.site.cameras(), metric=True)
+        write_rig(target / "cameras_true.toml", replace(cameras, covariance=np.zeros(2 * [len(_VIEWS) * _PARAMETERS])))
     except OSError as error:
         raise ResultsError(f"{target}: expected to write to this folder, got: {error}; choose another") from error
     scene = build_footbridge(plan.site, seed=plan.seed)
-    for view, name in enumerate(_VIEWS):
-        done, total = view * plan.frames, len(_VIEWS) * plan.frames
-        path = target / f"{name}.mp4"
+    for view, video in enumerate(videos):
+        done, total = view * plan.frames, len(videos) * plan.frames
+        path = target / video
         if not path.exists():
             frames, chroma = film_view(plan, scene, view)
             options = {"crf": str(plan.recordings[view].crf), **plan.encoder}
@@ -149,6 +157,7 @@ def demo_plan(*, seed: int = 2026, duration_s: float = 3.0, site: FootbridgeSite
         errors=SiteErrors(0.005, 0.01, 0.02, level_deg=0.1, range_m=0.005, lens_relative=0.02),
         seed=seed,
         ranged="3/8 span",
+        refinement="none",
         encoder={"preset": "veryfast", "tune": "grain", "threads": "2"},
     )
 
@@ -174,8 +183,8 @@ def _counted(
             progress(done + number + 1, total)
 
 
-def _prepare(folder: Path, files: list[str], plan: Preset) -> tuple[Path, bool]:
-    """The folder, made and without an earlier session file, and whether what is in it is of the same plan."""
+def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
+    """The folder, made and without an earlier session file, and what its videos show (`_film_hash`)."""
     present = [name for name in (*files, "session.toml") if (folder / name).exists()]
     if present and not (folder / "truth.nc").exists():
         raise ResultsError(f"{folder}: expected a new folder or an earlier demo, got {present}; choose another folder")
@@ -186,14 +195,15 @@ def _prepare(folder: Path, files: list[str], plan: Preset) -> tuple[Path, bool]:
         raise ResultsError(f"{folder}: expected a folder to write to, got: {error}; choose another") from error
     try:
         with xr.open_dataset(folder / "truth.nc", engine="h5netcdf") as truth:
-            return folder, truth.attrs.get("plan") == _plan_hash(plan)
+            return folder, [str(key) for key in np.atleast_1d(truth.attrs.get("films", ["", ""]))]
     except (OSError, ValueError):  # absent, or not a dataset: made anew
-        return folder, False
+        return folder, ["", ""]
 
 
-def _plan_hash(plan: Preset) -> str:
-    """What tells plans apart; dataclasses of plain values print in full."""
-    return hashlib.sha256(f"{__version__} {plan!r}".encode()).hexdigest()
+def _film_hash(plan: Preset, view: int) -> str:
+    """What tells apart the videos of plans; dataclasses of plain values print in full."""
+    shown = (plan.site, plan.motion, plan.recordings[view], plan.fps, plan.frames, plan.seed, dict(plan.encoder))
+    return hashlib.sha256(f"{__version__} {view} {shown!r}".encode()).hexdigest()
 
 
 def _write_sensor(folder: Path, plan: Preset, number: int) -> None:
@@ -237,7 +247,7 @@ def _truth(plan: Preset) -> xr.Dataset:
             "sensor_lag_s": [m.sensor.clock_offset_s - plan.recordings[0].start_s for m in plan.accelerometers],
             "within_assumptions": int(plan.within_assumptions),
             "description": plan.description,
-            "plan": _plan_hash(plan),
+            "films": [_film_hash(plan, view) for view in range(len(_VIEWS))],
             "seed": plan.seed,
             "vfm_sdm_version": __version__,
         },
@@ -284,6 +294,7 @@ def _session(plan: Preset, folder: Path) -> Session:
                     std=errors.range_m,
                 ),
             ),
+            length=_lengths(plan, error),
         ),
         point=tuple(
             Point(
@@ -298,6 +309,14 @@ def _session(plan: Preset, folder: Path) -> Session:
             Sensor(name=m.sensor.name, file=Path(f"{m.sensor.name}.csv"), point=m.point, units="g")
             for m in plan.accelerometers
         ),
-        method=Method(subset_px=_SUBSET_PX, still_interval_s=(0.0, plan.still_s)),
+        method=Method(subset_px=_SUBSET_PX, still_interval_s=(0.0, plan.still_s), refinement=plan.refinement),
         folder=folder,
     )
+
+
+def _lengths(plan: Preset, error: Callable[[float], float]) -> tuple[Length, ...]:
+    if plan.known_length is None:
+        return ()
+    ends = [np.array(point.position) for name in plan.known_length for point in plan.points if point.name == name]
+    value = round(float(np.linalg.norm(ends[1] - ends[0])) + error(plan.errors.length_m), 3)
+    return (Length(points=plan.known_length, value=value, std=plan.errors.length_m),)

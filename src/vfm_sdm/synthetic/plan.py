@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -60,6 +61,7 @@ class SiteErrors:
     level_deg: float = 0.2
     range_m: float = 0.01
     lens_relative: float = 0.02
+    length_m: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -156,8 +158,12 @@ class Preset:
         False where the recording violates what the method assumes, such as cameras that stand still.
     ranged
         Name of the point whose distance from the reference camera a laser gave; the first point when ``None``.
+    known_length
+        Names of two points whose distance the drawings give.
     encoder
         Options of x264 beside the quality.
+    refinement
+        Of the session: ``none`` or ``sgr``.
 
     Raises
     ------
@@ -180,6 +186,8 @@ class Preset:
     seed: int
     within_assumptions: bool = True
     ranged: str | None = None
+    known_length: tuple[str, str] | None = None
+    refinement: Literal["none", "sgr"] = "sgr"
     encoder: Mapping[str, str] = field(default_factory=lambda: {"preset": "superfast", "threads": "2"})
 
     def __post_init__(self) -> None:

@@ -118,6 +118,8 @@ def preset(name: PresetName, size: Size = "full") -> Preset:
         errors=SiteErrors(),
         seed=plan.seed,
         within_assumptions=plan.within_assumptions,
+        # Where the accelerometers sit is known from the drawings.
+        known_length=(plan.monitored[0][0], plan.monitored[1][0]),
     )
 
 

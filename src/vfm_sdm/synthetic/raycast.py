@@ -216,13 +216,13 @@ def _sample(faces: FloatArray, layout: _Int64Array, coefficients: _Coefficients,
     y = min(max(b * faces[k, DENSITY + 1] + faces[k, GUARD], 1.0), n_v - 3.0)
     i, j = int(x), int(y)
     wx, wy = _weights(np.float32(x - i)), _weights(np.float32(y - j))
-    total = np.float32(0)
+    total: Any = np.float32(0)
     for q in range(4):
         # Unsigned, because a signed index is checked for being negative at every one of 16 reads.
         n = nb.uintp(layout[k, FIRST_TEXEL] + (j - 1 + q) * n_u + i - 1)
         line = wx[0] * coefficients[n] + wx[1] * coefficients[n + _UNSIGNED[1]]
         total += wy[q] * (line + wx[2] * coefficients[n + _UNSIGNED[2]] + wx[3] * coefficients[n + _UNSIGNED[3]])
-    return total
+    return total  # type: ignore[no-any-return]
 
 
 @nb.njit(error_model="numpy", forceinline=True)
@@ -414,7 +414,7 @@ def _sample_moved(
     layout: _Int64Array,
     values: FloatArray,
     coefficients: _Coefficients,
-    k: int,
+    k: Any,
     ray: _Vector,
 ) -> float:
     """Luma of a displaced face on a ray that is known to meet it: `_meet` and `_sample` without their checks."""
@@ -455,7 +455,7 @@ def render_pixels(arrays: _Arrays, values: FloatArray, luma: _LumaImage, face: _
 def move_pixels(
     arrays: _Arrays,
     values: FloatArray,
-    plan: tuple[BoolArray, _FaceImage, _LumaImage, BoolArray, BoolArray],
+    plan: tuple[BoolArray, _FaceImage, FloatArray, BoolArray, BoolArray],
     luma: _LumaImage,
     face: _FaceImage,
     edges: BoolArray,

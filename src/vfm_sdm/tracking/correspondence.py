@@ -35,7 +35,10 @@ _MAX_EPIPOLAR_STEP_PX = 4.0
 _MAX_HYPOTHESES = 400
 _FIRST_ITERATIONS = 10
 """Places from which the registration has not converged by then are not where the point is."""
-_TILTS = np.radians([0.0, -50.0, 50.0])
+_TILTS = np.radians([0.0, -50.0, 50.0, -70.0, 70.0])
+_SMALLER_PX = (41, 31, 21)
+"""Sides tried where a larger square holds what one view hides from the other, as stiffeners hide parts of a girder."""
+_CLEAR_CORRELATION = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,8 @@ def find_correspondences(
     Places to try are the affine map of neighbouring matches, and points at a sequence of depths on the viewing ray,
     each as a small plane facing the camera or tilted about the vertical. Every one is refined by IC-GN with an affine
     warp, so convergence at 30 degrees is a matter of the start. The best correlation wins if no distinct place comes
-    close to it, and if registration from there back to the first image returns to the named point. The affine warp
+    close to it, and if registration from there back to the first image returns to the named point. Where the result is
+    poor, smaller squares are tried, and the one that fits best is taken. The affine warp
     leaves out the second order of the perspective: the place found is off by up to about ``tan(angle) h^2 / (6 f)`` px
     for a subset of half width h, a constant that cancels in displacement.
     """
@@ -152,6 +156,20 @@ def _find_one(
         # A position named by hand says where; the map of offsets is that of the places tried next to it.
         nearest = np.argsort(np.linalg.norm(hypotheses.position - given, axis=1))[:_NEAR_GIVEN]
         hypotheses = _Hypotheses(np.tile(given, (nearest.size, 1)), hypotheses.affine[nearest])
+    outcomes: list[tuple[Registration | None, str, float]] = []
+    for size in (subset_px, *(px for px in _SMALLER_PX if px < subset_px)):
+        found = _register(images, point, hypotheses, size)
+        if found[0] is not None and found[1] == OK and found[0].correlation[0] >= _CLEAR_CORRELATION:
+            return found
+        outcomes.append(found)
+    good = [one for one in outcomes if one[1] == OK]
+    return max(good, key=lambda one: -1.0 if one[0] is None else one[0].correlation[0]) if good else outcomes[0]
+
+
+def _register(
+    images: tuple[LumaArray, LumaArray], point: FloatArray, hypotheses: _Hypotheses, subset_px: int
+) -> tuple[Registration | None, str, float]:
+    """As `_find_one`, with squares of one size."""
     hypotheses = _inside(hypotheses, images[1], subset_px)
     if not len(hypotheses.position):
         return None, NOT_FOUND, float("nan")

@@ -8,8 +8,8 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.structure_frame import structure_from_cam1
 from vfm_sdm.synthetic.field_test import demo_plan
 from vfm_sdm.synthetic.footbridge import FootbridgeSite, build_footbridge, make_camera
-from vfm_sdm.synthetic.motion import modal_displacement
 from vfm_sdm.synthetic.imager import Imager
+from vfm_sdm.synthetic.motion import modal_displacement
 from vfm_sdm.synthetic.render import Renderer
 
 
