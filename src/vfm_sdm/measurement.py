@@ -369,8 +369,9 @@ def _displacement_notes(displacement: xr.Dataset | None) -> list[str]:
     if displacement is None:
         return []
     notes = [
-        f"view {name.removeprefix('clock_').removesuffix('_status')!r}: not synchronised by its motion: {status}; the "
-        "stated time offset was taken"
+        f"view {name.removeprefix('clock_').removesuffix('_status')!r}: not synchronised by its motion: {status}; its "
+        "time_offset_s was taken (0 when not stated, and then all samples are marked unreliable); state it, or set "
+        'method.synchronization = "none" for cameras that start together'
         for name, status in displacement.attrs.items()
         if str(name).startswith("clock_") and str(name).endswith("_status") and status != LagStatus.OK
     ]

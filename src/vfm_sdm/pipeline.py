@@ -20,7 +20,7 @@ from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.refinement import Refinement, SgrSettings, SgrWeights, refine
-from vfm_sdm.session import Session, View
+from vfm_sdm.session import Session, Site, View
 from vfm_sdm.synchronize import Synchronization, align_views, synchronize_views
 from vfm_sdm.tracking.base import Tracker
 from vfm_sdm.tracking.correspondence import OK, find_correspondences
@@ -103,10 +103,11 @@ def solve_cameras(session: Session, frames: Mapping[str, LumaArray]) -> CameraSo
     known = estimate.rig.covariance is not None
     size = len(CAMERA_PARAMETERS) * len(estimate.rig)
     prior = estimate.rig if known else replace(estimate.rig, covariance=np.zeros((size, size)))
+    site, unused = _measured_to(session.site, seen)
     adjusted = adjust_to_site(
         prior,
         estimate.matches,
-        session.site,
+        site,
         seen,
         face_points=frozenset(p.name for p in session.point if not p.static and p.name in seen),
         levels={
@@ -115,7 +116,7 @@ def solve_cameras(session: Session, frames: Mapping[str, LumaArray]) -> CameraSo
             if v.level is not None
         },
     )
-    notes = [*estimate.notes, *adjusted.notes]
+    notes = [*estimate.notes, *adjusted.notes, *unused]
     notes += [] if known else ["the camera file states no covariance: the scale has no stated uncertainty"]
     notes += [
         f"point {name!r}, view {view!r}: {why}"
@@ -234,6 +235,9 @@ def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution
     for view, clock in clocks.items():
         displacement.attrs[f"clock_{view}"] = [clock.offset_s, clock.lag_std_s, clock.rate_ratio]
         displacement.attrs[f"clock_{view}_status"] = clock.status
+    if any(_clock_unknown(view, clocks) for view in session.view[1:]):
+        codes = displacement["status"]
+        displacement["status"] = codes.where(codes != Status.OK, np.int8(Status.UNRELIABLE)).assign_attrs(codes.attrs)
     if refinement is not None:
         displacement["refinement_correction"] = (("time", "point"), refinement.correction_px, {"units": "px"})
         displacement["prior_share"] = (("point",), refinement.prior_share, {"units": "1"})
@@ -253,6 +257,12 @@ def _refine(session: Session, aligned: xr.Dataset, solution: CameraSolution) -> 
     settings = SgrSettings(weights, suppressed_axis=sgr.suppressed_axis, uncertain_view=sgr.uncertain_view)
     interval = session.method.still_interval_s
     return refine(aligned, solution.rig, solution.frame, settings=settings, still_interval_s=interval)
+
+
+def _clock_unknown(view: View, clocks: Mapping[str, Synchronization]) -> bool:
+    """Whether neither the motion nor the session tells a view's offset: its displacement is not to be trusted."""
+    stated = bool({"time_offset_s", "start"} & view.model_fields_set)
+    return view.name in clocks and not clocks[view.name].ok and not stated
 
 
 def _stated_offset(session: Session, view: View) -> float:
@@ -285,6 +295,16 @@ def _check_points(session: Session, frames: Mapping[str, LumaArray]) -> None:
                 )
     if faults:
         raise SessionError("points: " + "; ".join(faults) + "; correct their pixels")
+
+
+def _measured_to(site: Site, seen: Mapping[str, FloatArray]) -> tuple[Site, list[str]]:
+    """The site without lengths to points that are not seen in every view, and what was left out."""
+    ranges = tuple(r for r in site.range if r.point in seen)
+    lengths = tuple(one for one in site.length if set(one.points) <= set(seen))
+    lost = [f"range to {r.point!r}" for r in site.range if r not in ranges]
+    lost += [f"length {one.points[0]!r} to {one.points[1]!r}" for one in site.length if one not in lengths]
+    notes = [f"{what} not used: its point was not found in every view" for what in lost]
+    return site.model_copy(update={"range": ranges, "length": lengths}), notes
 
 
 def _matches_for_points(estimate: CameraEstimate, frames: Mapping[str, LumaArray]) -> tuple[Matches, ...]:

@@ -338,6 +338,18 @@ def test_a_sensor_upside_down_is_not_matched_half_a_period_off():
     assert not signed.ok
 
 
+def test_views_of_a_short_recording_are_not_matched_half_a_period_off():
+    """The true lag needs more overlap than there is; the nearest other one would turn the motion upside down."""
+    clock = np.arange(105) / 30
+    motion = np.column_stack([0.5 * np.sin(2 * np.pi * 1.6 * clock), 4 * np.sin(2 * np.pi * 2.3 * clock + 0.4)])
+    later = np.column_stack(
+        [0.5 * np.sin(2 * np.pi * 1.6 * (clock - 0.22)), 4 * np.sin(2 * np.pi * 2.3 * (clock - 0.22) + 0.4)]
+    )
+    rng = np.random.default_rng(1)
+    values = [m + rng.normal(0, 0.01, m.shape) for m in (motion, later)]
+    assert not estimate_lag(clock, values[0], clock, values[1], search_s=2.0, positive_gain=True).ok
+
+
 def test_misuse_of_lags_is_refused():
     clock, a, _, b = sines(np.random.default_rng(0))
     for message, change in {
@@ -347,7 +359,7 @@ def test_misuse_of_lags_is_refused():
         "expected positive seconds .*start_std_s=-1": {"start_std_s": -1},
         "expected positive seconds .*start_lag_s=nan": {"start_lag_s": np.nan},
         "expected channels below 2 and 2": {"groups": [((0,), (2,))]},
-        "expected groups of one channel": {"positive_gain": True},
+        "expected as many channels": {"positive_gain": True, "groups": [((0,), (0, 1))]},
         "expected 0 < low < high": {"band_hz": (20.0, 30.0)},
     }.items():
         options = {"time_a": clock, "values_a": a, "time_b": clock, "values_b": b, "search_s": 1.0, **change}

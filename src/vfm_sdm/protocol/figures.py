@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["save_protocol_figures"]
 
 _AXES = ("vertical", "lateral")
+_BAND_HZ = (1.0, 10.0)
 _LOGARITHMIC = ("amplitude [1]", "noise [grey levels]", "baseline [m]")
 
 
@@ -98,29 +99,22 @@ def _series(
 ) -> tuple[FloatArray, dict[str, dict[str, FloatArray]]]:
     """Vision, truth and the sensor's displacement on the video's clock, all in the sensors' band."""
     evaluation = result.evaluations["accelerometers"].get(OURS)
-    time_s = displacement["time"].values
-    band = (1.0, 10.0) if evaluation is None or evaluation.band_hz is None else evaluation.band_hz
+    time_s, rate_hz = even_clock(displacement["time"].values)
+    band = _BAND_HZ if evaluation is None or evaluation.band_hz is None else evaluation.band_hz
     series = {}
     for axis in _AXES:
         truth = result.test.truth.sel(point=point, axis=axis)
-        vision = displacement["displacement"].sel(point=point, axis=axis).values
-        of_axis = {
-            "vision": _filtered(time_s, vision, time_s, band),
-            "truth": _filtered(truth["time"].values, truth["displacement"].values, time_s, band),
-        }
+        vision = displacement.sel(point=point, axis=axis)
+        of_axis = {"vision": (vision["time"].values, vision), "truth": (truth["time"].values, truth)}
         clock = None if evaluation is None else evaluation.synchronization
         if clock is not None and clock.ok and result.test.reference is not None:
             sensor = result.test.reference.sel(sensor=result.test.monitored[point], axis=axis)
-            stamps = sensor["time"].values * clock.rate_ratio + clock.offset_s
-            of_axis["reference"] = _filtered(stamps, sensor["displacement"].values, time_s, band)
-        series[axis] = of_axis
+            of_axis["reference"] = (sensor["time"].values * clock.rate_ratio + clock.offset_s, sensor)
+        aligned = {name: interpolate(have, s["displacement"].values, time_s) for name, (have, s) in of_axis.items()}
+        # Cut alike first: what a filter rings at the ends then is the same in all.
+        known = np.isfinite(list(aligned.values())).all(axis=0)
+        series[axis] = {name: band_pass(np.where(known, v, np.nan), rate_hz, band) for name, v in aligned.items()}
     return time_s, series
-
-
-def _filtered(have_s: FloatArray, values: FloatArray, want_s: FloatArray, band: tuple[float, float]) -> FloatArray:
-    clock, rate_hz = even_clock(have_s)
-    even = values if np.array_equal(clock, have_s) else interpolate(have_s, values, clock)
-    return interpolate(clock, band_pass(even, rate_hz, band), want_s)
 
 
 def _of(axes: object) -> Figure:

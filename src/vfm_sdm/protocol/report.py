@@ -91,13 +91,13 @@ def clock_table(results: _Results) -> Table:
         second = result.test.session.view[1].name
         if run is not None and run.displacement is not None and f"clock_{second}" in run.displacement.attrs:
             offset, std, _ = (float(x) for x in run.displacement.attrs[f"clock_{second}"])
-            true = float(truth["second_view_lag_s"])
+            true = float(truth["second_view_offset_s"])
             status = str(run.displacement.attrs[f"clock_{second}_status"])
             rows.append((name, "second view", true, offset, 1e3 * (offset - true), 1e3 * std, status))
         evaluation = result.evaluations["accelerometers"].get(OURS)
         if evaluation is not None and evaluation.synchronization is not None:
             found = evaluation.synchronization
-            true = float(np.atleast_1d(truth["sensor_lag_s"])[0])
+            true = float(np.atleast_1d(truth["sensor_offset_s"])[0])
             error = 1e3 * (found.offset_s - true)
             rows.append((name, "accelerometers", true, found.offset_s, error, 1e3 * found.lag_std_s, found.status))
     columns = ("data set", "clock", "true offset [s]", "found [s]", "error [ms]", "stated std [ms]", "status")

@@ -151,6 +151,8 @@ def run_method(
     frames = f"{test.plan.frames} frames, {len(session.point)} points"
     with measure_cost("camera parameter estimation", f"{len(session.view)} frames") as of_cameras:
         cameras = run.cameras()
+    # Now already, lest a run that is cut short while tracking forgets it.
+    _kept(place / "costs.json", [of_cameras], run.reused)
     with measure_cost("point tracking", frames, calls=len(session.view)) as of_tracking:
         tracks = run.tracks(cameras)
     costs = _kept(place / "costs.json", [of_cameras, of_tracking], run.reused)
@@ -242,5 +244,5 @@ def _kept(path: Path, costs: list[Cost], reused: list[str]) -> list[Cost]:
     again = {names[stage] for stage in reused}
     known = [Cost(**earlier[c.task]) if c.task in again and c.task in earlier else c for c in costs]
     with replace_file(path) as temporary:
-        temporary.write_text(json.dumps({c.task: asdict(c) for c in known}, indent=1), encoding="utf-8")
+        temporary.write_text(json.dumps(earlier | {c.task: asdict(c) for c in known}, indent=1), encoding="utf-8")
     return known

@@ -116,7 +116,8 @@ def estimate_lag(
         Pairs of channel numbers, of a and of b, that are compared together, such as (u, v) of one point in two views.
         Without, all of a against all of b.
     positive_gain
-        The relation cannot be negative (same axis, same sign); for groups of one channel each.
+        Both sides of a group have the same channels in the same order, and on the whole these cannot be negatively
+        related (same axes, same signs).
     band_hz
         Band of interest. The upper end is at most a quarter of the lower sampling rate.
 
@@ -288,7 +289,7 @@ def _check_options(groups: Sequence[Group], channels_a: int, channels_b: int, po
             raise DatasetError(
                 f"groups: expected channels below {channels_a} and {channels_b}, got {group_a} and {group_b}"
             )
-        if positive_gain and len(group_a) + len(group_b) > 2:
+        if positive_gain and len(group_a) != len(group_b):
             raise DatasetError(
-                f"positive_gain: expected groups of one channel each, got {group_a} and {group_b}; split them"
+                f"positive_gain: expected as many channels on both sides, got {group_a} and {group_b}; split them"
             )

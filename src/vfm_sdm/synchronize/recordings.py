@@ -41,7 +41,9 @@ def estimate_view_lag(
 
     Notes
     -----
-    Each point has its own 2 x 2 mixture from (u, v) to (u, v): what two cameras see of a motion in two directions.
+    Each point has its own 2 x 2 mixture from (u, v) to (u, v): what two cameras see of a motion in two directions. Both
+    cameras stand upright on the same side of the structure, so that a motion to the right or down is one in both:
+    otherwise half a period later would look as good.
     Only samples of status ok are used. Points weigh by the residual that their own fit leaves, which holds the
     tracker's noise as it is, not as the tracker states it.
     """
@@ -60,6 +62,7 @@ def estimate_view_lag(
         start_lag_s=start_lag_s,
         start_std_s=start_std_s,
         groups=pairs,
+        positive_gain=True,
         band_hz=band_hz,
     )
 

@@ -33,7 +33,8 @@ def log_explained(
     own_a, own_b, cross
         Sums of products, shapes (..., p, p), (..., q, q) and (..., p, q).
     positive_gain
-        A negative relation explains nothing; for groups of one channel each.
+        The channels of a group belong together one by one, and where they are negatively related on the whole, they
+        explain nothing.
 
     Returns
     -------
@@ -48,7 +49,7 @@ def log_explained(
     left = own_b + floor_b - np.swapaxes(cross, -1, -2) @ gain
     explained = np.linalg.slogdet(own_b + floor_b)[1] - np.linalg.slogdet(left)[1]
     if positive_gain:
-        explained = np.where(cross[..., 0, 0] > 0, explained, 0.0)
+        explained = np.where(np.einsum("...ii", cross) > 0, explained, 0.0)
     return np.asarray(explained)
 
 

@@ -47,7 +47,6 @@ _SHORTEST_S = 0.5
 _SENSOR_WIDTH_MM = 6.17
 _SENSOR_MARGIN_S = 2.0
 """How much longer than the videos the accelerometers record [s]."""
-_SUBSET_PX = 61
 _PARAMETERS = len(CAMERA_PARAMETERS)
 _DEMO_FPS = 30
 _DEMO_MODES = (
@@ -158,6 +157,7 @@ def demo_plan(*, seed: int = 2026, duration_s: float = 3.0, site: FootbridgeSite
         seed=seed,
         ranged="3/8 span",
         refinement="none",
+        synchronization="none",
         encoder={"preset": "veryfast", "tune": "grain", "threads": "2"},
     )
 
@@ -243,8 +243,8 @@ def _truth(plan: Preset) -> xr.Dataset:
             "title": "exact displacement of a synthetic field test",
             "frame": "structure",
             "baseline_m": plan.baseline_m,
-            "second_view_lag_s": plan.recordings[1].start_s - plan.recordings[0].start_s,
-            "sensor_lag_s": [m.sensor.clock_offset_s - plan.recordings[0].start_s for m in plan.accelerometers],
+            "second_view_offset_s": plan.recordings[1].start_s - plan.recordings[0].start_s,
+            "sensor_offset_s": [m.sensor.clock_offset_s - plan.recordings[0].start_s for m in plan.accelerometers],
             "within_assumptions": int(plan.within_assumptions),
             "description": plan.description,
             "films": [_film_hash(plan, view) for view in range(len(_VIEWS))],
@@ -309,7 +309,12 @@ def _session(plan: Preset, folder: Path) -> Session:
             Sensor(name=m.sensor.name, file=Path(f"{m.sensor.name}.csv"), point=m.point, units="g")
             for m in plan.accelerometers
         ),
-        method=Method(subset_px=_SUBSET_PX, still_interval_s=(0.0, plan.still_s), refinement=plan.refinement),
+        method=Method(
+            subset_px=plan.subset_px,
+            still_interval_s=(0.0, plan.still_s),
+            refinement=plan.refinement,
+            synchronization=plan.synchronization,
+        ),
         folder=folder,
     )
 

@@ -30,6 +30,7 @@ _BLUR_STEP_PX = 0.25
 _BAND_ROWS = 32
 """Rows that a rolling shutter exposes together."""
 _STATIONS = 200
+_INSTANTS_PER_FRAME = 8
 
 _Luma = npt.NDArray[np.float32]
 
@@ -46,8 +47,7 @@ def film_view(plan: Preset, scene: Scene, view: int) -> tuple[Iterator[npt.NDArr
     view
         0 for the reference view, 1 for the second.
     """
-    time_s = plan.frame_times(view)
-    largest, fastest = _bounds(plan.motion, time_s)
+    largest, fastest = _bounds(plan, view)
     renderer = Renderer(scene, plan.site.cameras()[view], reach_m=1.02 * largest + 1e-5)
     return _frames(plan, renderer, view, fastest), renderer.chroma_at_rest()
 
@@ -103,8 +103,11 @@ def _displacement_at(motion: Motion, time_s: float, positions: FloatArray) -> Fl
     return np.asarray(motion.displacement([time_s], positions)[0])
 
 
-def _bounds(motion: Motion, time_s: FloatArray) -> tuple[float, float]:
-    """Largest displacement [m] and speed [m/s] of any point during a recording."""
+def _bounds(plan: Preset, view: int) -> tuple[float, float]:
+    """Largest displacement [m] and speed [m/s] of any point during a recording, also between its frames."""
+    motion, recording, frames = plan.motion, plan.recordings[view], plan.frame_times(view)
+    margin = (recording.exposure_s + recording.rolling_shutter_s) / 2
+    time_s = np.linspace(frames[0] - margin, frames[-1] + margin, _INSTANTS_PER_FRAME * len(frames))
     stations = np.linspace(motion.support_m, motion.support_m + motion.span_m, _STATIONS)
     along = np.column_stack([np.zeros((_STATIONS, 2)), stations])
     displacement = motion.displacement(time_s, along)

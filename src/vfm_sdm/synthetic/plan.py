@@ -164,6 +164,10 @@ class Preset:
         Options of x264 beside the quality.
     refinement
         Of the session: ``none`` or ``sgr``.
+    subset_px
+        Of the session [px].
+    synchronization
+        Of the session: ``motion``, or ``none`` for cameras that are known to start together.
 
     Raises
     ------
@@ -188,6 +192,8 @@ class Preset:
     ranged: str | None = None
     known_length: tuple[str, str] | None = None
     refinement: Literal["none", "sgr"] = "sgr"
+    subset_px: int = 61
+    synchronization: Literal["motion", "none"] = "motion"
     encoder: Mapping[str, str] = field(default_factory=lambda: {"preset": "superfast", "threads": "2"})
 
     def __post_init__(self) -> None:

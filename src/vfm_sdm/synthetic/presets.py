@@ -27,6 +27,7 @@ PRESETS: tuple[PresetName, ...] = get_args(PresetName)
 SIZES: tuple[Size, ...] = get_args(Size)
 
 _FULL_WIDTH = 3840
+_FULL_SUBSET_PX = 121
 _STILL_S = 1.0
 _MARGIN_S = 3.0
 """Motion beyond the videos, for clocks that start late and sensors that record longer."""
@@ -118,6 +119,8 @@ def preset(name: PresetName, size: Size = "full") -> Preset:
         errors=SiteErrors(),
         seed=plan.seed,
         within_assumptions=plan.within_assumptions,
+        # The same piece of the structure at both sizes.
+        subset_px=_FULL_SUBSET_PX if size == "full" else _FULL_SUBSET_PX // 2 + 1,
         # Where the accelerometers sit is known from the drawings.
         known_length=(plan.monitored[0][0], plan.monitored[1][0]),
     )

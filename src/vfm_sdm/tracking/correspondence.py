@@ -4,9 +4,10 @@ The paper lets VGGT's tracking head carry the point from the first to the second
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from vfm_sdm.arrays import FloatArray, LumaArray, as_float_array
@@ -28,6 +29,7 @@ _AMBIGUITY_MARGIN = 0.05
 """Another place counts as alike when its correlation comes within this of the best one."""
 _DISTINCT_PX = 3.0
 _RETURN_PX = 0.5
+_LEAST_BACK_PX = 13
 _NEIGHBOURS = 24
 _NEAR_GIVEN = 9
 _MAX_EPIPOLAR_STEP_PX = 4.0
@@ -36,9 +38,21 @@ _MAX_HYPOTHESES = 400
 _FIRST_ITERATIONS = 10
 """Places from which the registration has not converged by then are not where the point is."""
 _TILTS = np.radians([0.0, -50.0, 50.0, -70.0, 70.0])
-_SMALLER_PX = (41, 31, 21)
-"""Sides tried where a larger square holds what one view hides from the other, as stiffeners hide parts of a girder."""
+_SIZES_PX = (41, 31, 21)
+"""Sides tried, in pixels of the level, where a larger square holds what one view hides from the other, as stiffeners
+hide parts of a girder."""
 _CLEAR_CORRELATION = 0.95
+_REDUCTIONS = (1, 2, 4)
+"""Further reductions of both images where a point is not found: in a small picture a sharp view resembles one that is
+out of focus."""
+_WANDER_PX = 1.5
+"""How far, in pixels of the reduced images, the place found there may be off."""
+_SOFTENING_PX = 1.0
+_GREY_LEVELS = 64
+"""Grey levels of a reduced image in one of the original: rounding must not matter."""
+
+
+_Outcome = tuple[Registration | None, str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +125,9 @@ def find_correspondences(
     each as a small plane facing the camera or tilted about the vertical. Every one is refined by IC-GN with an affine
     warp, so convergence at 30 degrees is a matter of the start. The best correlation wins if no distinct place comes
     close to it, and if registration from there back to the first image returns to the named point. Where the result is
-    poor, smaller squares are tried, and the one that fits best is taken. The affine warp
+    poor, smaller squares are tried, and the one that fits best is taken. The search is made in images reduced so far
+    that the square has about 41 px, further reduced where the point is not found; the last step is at full size. The
+    affine warp
     leaves out the second order of the perspective: the place found is off by up to about ``tan(angle) h^2 / (6 f)`` px
     for a subset of half width h, a constant that cancels in displacement.
     """
@@ -121,10 +137,14 @@ def find_correspondences(
         raise DatasetError(
             f"points2d: expected pixels inside {width} x {height}, got {points.tolist()}; check the view"
         )
-    results = [
-        _find_one(images, point, rig, matches=matches, subset_px=subset_px, given=(given or {}).get(index))
-        for index, point in enumerate(points)
-    ]
+    least = max(1, round(subset_px / _SIZES_PX[0]))
+    results: list[_Outcome] = [(None, NOT_FOUND, float("nan"))] * len(points)
+    for reduction in _REDUCTIONS:
+        level = _reduced(images, rig, matches, least * reduction)
+        for index, point in enumerate(points):
+            if results[index][1] == NOT_FOUND:
+                named = (given or {}).get(index)
+                results[index] = _find_one(images, level, point, subset_px=subset_px, given=named)
     status = tuple(outcome[1] for outcome in results)
     position = np.full((len(points), 2), np.nan)
     covariance = np.full((len(points), 2, 2), np.nan)
@@ -138,27 +158,70 @@ def find_correspondences(
     return Correspondence(position, covariance, correlation, return_error, status)
 
 
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Both images reduced by a whole number, with cameras and matches to go with them."""
+
+    factor: int
+    images: tuple[LumaArray, LumaArray]
+    cameras: tuple[Camera, Camera]
+    rig: Rig
+    matches: Matches
+
+    def reduced(self, points2d: FloatArray) -> FloatArray:
+        return (points2d + 0.5) / self.factor - 0.5
+
+    def full(self, points2d: FloatArray) -> FloatArray:
+        return (points2d + 0.5) * self.factor - 0.5
+
+
+def _reduced(images: tuple[LumaArray, LumaArray], rig: Rig, matches: Matches, factor: int) -> _Level:
+    pair = rig.cameras[matches.first], rig.cameras[matches.second]
+    if factor == 1:
+        return _Level(1, images, pair, rig, matches)
+    small = tuple(_reduced_image(image, factor) for image in images)
+    cameras = tuple(_reduced_camera(camera, factor) for camera in rig.cameras)
+    level = _Level(factor, (small[0], small[1]), (cameras[matches.first], cameras[matches.second]), rig, matches)
+    moved = Matches(
+        matches.first, matches.second, level.reduced(matches.points_first), level.reduced(matches.points_second)
+    )
+    return replace(level, rig=Rig(rig.names, cameras, metric=rig.metric), matches=moved)
+
+
+def _reduced_image(image: LumaArray, factor: int) -> LumaArray:
+    """Means over squares of pixels, blurred a little: what only a view in focus shows is gone from both."""
+    height, width = (n // factor * factor for n in image.shape)
+    blocks = image[:height, :width].astype(np.float32).reshape(height // factor, factor, width // factor, factor)
+    soft = gaussian_filter(blocks.mean(axis=(1, 3)), _SOFTENING_PX)
+    levels: LumaArray = np.rint(np.clip(_GREY_LEVELS * soft, 0, np.iinfo(np.uint16).max)).astype(np.uint16)
+    return levels
+
+
+def _reduced_camera(camera: Camera, factor: int) -> Camera:
+    K = camera.K.copy()
+    K[:2, :2] /= factor
+    K[:2, 2] = (K[:2, 2] + 0.5) / factor - 0.5
+    size = camera.image_size[0] // factor, camera.image_size[1] // factor
+    return replace(camera, K=K, image_size=size)
+
+
 def _find_one(
-    images: tuple[LumaArray, LumaArray],
-    point: FloatArray,
-    rig: Rig,
-    *,
-    matches: Matches,
-    subset_px: int,
-    given: FloatArray | None,
-) -> tuple[Registration | None, str, float]:
+    images: tuple[LumaArray, LumaArray], level: _Level, point: FloatArray, *, subset_px: int, given: FloatArray | None
+) -> _Outcome:
     """Best registration of one point, its status, and the distance that the way back misses by."""
-    first, second = rig.cameras[matches.first], rig.cameras[matches.second]
-    hypotheses = _from_matches(point, matches)
-    depths = _depth_range(rig, matches, point)
-    hypotheses = _join(hypotheses, _from_depths(point, first, second, depths))
+    place = level.reduced(point)
+    hypotheses = _from_matches(place, level.matches)
+    depths = _depth_range(level.rig, level.matches)
+    hypotheses = _join(hypotheses, _from_depths(place, *level.cameras, depths))
     if given is not None:
         # A position named by hand says where; the map of offsets is that of the places tried next to it.
-        nearest = np.argsort(np.linalg.norm(hypotheses.position - given, axis=1))[:_NEAR_GIVEN]
-        hypotheses = _Hypotheses(np.tile(given, (nearest.size, 1)), hypotheses.affine[nearest])
-    outcomes: list[tuple[Registration | None, str, float]] = []
-    for size in (subset_px, *(px for px in _SMALLER_PX if px < subset_px)):
-        found = _register(images, point, hypotheses, size)
+        named = level.reduced(given)
+        nearest = np.argsort(np.linalg.norm(hypotheses.position - named, axis=1))[:_NEAR_GIVEN]
+        hypotheses = _Hypotheses(np.tile(named, (nearest.size, 1)), hypotheses.affine[nearest])
+    outcomes: list[_Outcome] = []
+    whole = subset_px if level.factor == 1 else _SIZES_PX[0]
+    for size in (whole, *(px for px in _SIZES_PX if px < whole)):
+        found = _at_full_size(images, level, point, _register(level.images, place, hypotheses, size), size)
         if found[0] is not None and found[1] == OK and found[0].correlation[0] >= _CLEAR_CORRELATION:
             return found
         outcomes.append(found)
@@ -166,10 +229,27 @@ def _find_one(
     return max(good, key=lambda one: -1.0 if one[0] is None else one[0].correlation[0]) if good else outcomes[0]
 
 
+def _at_full_size(
+    images: tuple[LumaArray, LumaArray], level: _Level, point: FloatArray, found: _Outcome, size: int
+) -> _Outcome:
+    """The registration of the reduced images carried on in the images themselves, where that agrees with it."""
+    registration, status, miss = found
+    if level.factor == 1 or registration is None:
+        return found
+    start = level.full(registration.position)
+    coarse = replace(registration, position=start, covariance=level.factor**2 * registration.covariance)
+    odd = size * level.factor // 2 * 2 + 1
+    fine = register_subset(images[0], images[1], point[None], start, registration.affine, subset_px=odd)
+    near = np.linalg.norm(fine.position[0] - start[0]) <= _WANDER_PX * level.factor
+    agreed = bool(fine.converged[0]) and fine.correlation[0] >= _MIN_CORRELATION and near
+    # Where one view is out of focus, the sharp one does not resemble it at full size; the coarse place stands.
+    return fine if agreed else coarse, status, level.factor * miss
+
+
 def _register(
     images: tuple[LumaArray, LumaArray], point: FloatArray, hypotheses: _Hypotheses, subset_px: int
-) -> tuple[Registration | None, str, float]:
-    """As `_find_one`, with squares of one size."""
+) -> _Outcome:
+    """As `_find_one`, in the images of a level and with squares of one size."""
     hypotheses = _inside(hypotheses, images[1], subset_px)
     if not len(hypotheses.position):
         return None, NOT_FOUND, float("nan")
@@ -191,8 +271,11 @@ def _register(
     apart = np.linalg.norm(tried.position - tried.position[best], axis=1) > _DISTINCT_PX
     if np.any(correlation[apart] > correlation[best] - _AMBIGUITY_MARGIN):
         return chosen, AMBIGUOUS, float("nan")
+    # The square of the way back must not reach beyond what the way there has seen.
+    shrunk = np.linalg.svd(chosen.affine[0], compute_uv=False)[-1] * subset_px
+    size = int(np.clip(shrunk // 2 * 2 + 1, _LEAST_BACK_PX, subset_px))
     back = register_subset(
-        images[1], images[0], chosen.position, point[None], np.linalg.inv(chosen.affine), subset_px=subset_px
+        images[1], images[0], chosen.position, point[None], np.linalg.inv(chosen.affine), subset_px=size
     )
     miss = float(np.linalg.norm(back.position[0] - point))
     return chosen, OK if back.converged[0] and miss <= _RETURN_PX else NOT_RETURNED, miss
@@ -225,8 +308,8 @@ def _from_matches(point: FloatArray, matches: Matches) -> _Hypotheses:
     return _Hypotheses(np.array(positions).reshape(-1, 2), np.array(affines).reshape(-1, 2, 2))
 
 
-def _depth_range(rig: Rig, matches: Matches, point: FloatArray) -> tuple[float, float]:
-    """Nearest and farthest depth to try: what the matches around the point span, widened; else what the rig sees."""
+def _depth_range(rig: Rig, matches: Matches) -> tuple[float, float]:
+    """Nearest and farthest depth to try: what the matches span, widened; else what the rig sees."""
     baseline = float(np.linalg.norm(rig.cameras[matches.first].center - rig.cameras[matches.second].center))
     pair = Rig(("a", "b"), (rig.cameras[matches.first], rig.cameras[matches.second]))
     points3d = triangulate(np.stack([matches.points_first, matches.points_second]), pair)
