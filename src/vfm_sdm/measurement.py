@@ -36,7 +36,7 @@ from vfm_sdm.video import Video
 __all__ = ["Measurement", "Run", "measure"]
 
 _CLEAN_BITS_PER_PIXEL = 1.0
-"""Above this H.264 keeps the noise of the sensor, and errors are as stated (docs/performance.md)."""
+"""Above this H.264 keeps the motion to better than 1 % (docs/decisions/008-compression.md)."""
 _PACKAGES = ("vfm-sdm", "numpy", "scipy", "xarray", "av", "opencv-python-headless", "numba", "poselib")
 
 
@@ -327,8 +327,8 @@ def _recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
             notes.append(f"view {view!r}: {record['status']}: {record.get('message', '')}")
         if record.get("bits_per_pixel", np.nan) < _CLEAN_BITS_PER_PIXEL:
             notes.append(
-                f"view {view!r}: compressed to {record['bits_per_pixel']:.2f} bits a pixel: errors of the compression, "
-                "some hundredths of a pixel, are not part of the random standard deviation"
+                f"view {view!r}: compressed to {record['bits_per_pixel']:.2f} bits a pixel: motion may come out 1 to 2 "
+                "% too small, which is not part of the stated uncertainty (docs/decisions/008-compression.md)"
             )
         for what in ("dropped", "duplicated"):
             if record.get(what, 0):

@@ -24,6 +24,7 @@ from vfm_sdm.session import Session, Site, View
 from vfm_sdm.synchronize import Synchronization, align_views, synchronize_views
 from vfm_sdm.tracking.base import Tracker
 from vfm_sdm.tracking.correspondence import OK, find_correspondences
+from vfm_sdm.tracking.scatter import include_scatter
 from vfm_sdm.tracking.template import scale_factor
 from vfm_sdm.video import Video, open_images, open_video
 
@@ -147,6 +148,8 @@ def track_views(
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
 
+    Covariances are raised to what the tracks scatter by, see `vfm_sdm.tracking.scatter.include_scatter`.
+
     Parameters
     ----------
     videos
@@ -167,7 +170,7 @@ def track_views(
             video, positions[known], names=[n for n, k in zip(names, known, strict=True) if k], progress=step
         )
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
-        tracks[view] = found if known.all() else _with_lost_points(found, names)
+        tracks[view] = include_scatter(found if known.all() else _with_lost_points(found, names))
     return tracks
 
 

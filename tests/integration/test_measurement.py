@@ -2,16 +2,23 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
 from scenes import FPS, FRAMES, POINTS, motion_mm, write_scene
-from vfm_sdm.errors import BackendUnavailableError, ResultsError, SessionError
+from simulation import simple_rig
+from vfm_sdm.cameras.solution import CameraSolution
+from vfm_sdm.datasets import Status, make_tracks
+from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError, SessionError
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
 from vfm_sdm.measurement import measure
+from vfm_sdm.pipeline import displacement_of, synchronize_tracks
 from vfm_sdm.results import read_displacement, read_tracks
-from vfm_sdm.session import read_session, write_session
+from vfm_sdm.session import Session, read_session, write_session
 
 TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])
 
@@ -164,7 +171,7 @@ def test_a_second_recording_that_starts_late_is_put_on_the_first_clock(recording
 
 def test_refusals(recording, tmp_path):
     session = read_session(recording)
-    with pytest.raises(BackendUnavailableError, match="refinement: expected 'none', got 'sgr'"):
+    with pytest.raises(DatasetError, match="refinement: expected the structure's axes, got none"):
         measure(changed(session, method={**session.method.model_dump(), "refinement": "sgr"}))
     with pytest.raises(BackendUnavailableError, match="tracker: expected one of"):
         measure(changed(session, method={**session.method.model_dump(), "tracker": "icg"}))
@@ -182,6 +189,163 @@ def test_the_resolved_session_measures_the_same(measured, tmp_path):
     again = measure(resolved)
     np.testing.assert_array_equal(again.displacement["displacement"], measured[0].displacement["displacement"])
     assert write_session(tmp_path / "copy.toml", resolved).exists()
+
+
+def test_the_summary_tells_clocks_and_refinement(recording, tmp_path):
+    session = read_session(recording)
+    distance = {"value": 7.0, "std": 0.05}
+    site = {"perpendicular_distance": distance, "longitudinal_distance": distance}
+    method = {**session.method.model_dump(), "refinement": "sgr"}
+    measure(changed(session, site=site, method=method), tmp_path / "run")
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    # Half a second of motion tells no offset, and the session states none.
+    assert set(summary["clocks"]) == {"right"}
+    assert summary["clocks"]["right"]["status"] == "too short"
+    assert any("view 'right': not synchronised by its motion: too short" in note for note in summary["notes"])
+    assert (read_displacement(tmp_path / "run")["status"].values == Status.UNRELIABLE).all()
+    assert list(summary["refinement"]) == list(POINTS)
+    for point in summary["refinement"].values():
+        assert point["status"] == "ok"
+        assert point["view"] in ("left", "right")
+        assert 0 < point["prior_share"] < 1
+    plain = measure(changed(session, method={**session.method.model_dump(), "synchronization": "none"}))
+    assert (plain.summary["clocks"], plain.summary["refinement"]) == ({}, {})
+    assert (plain.displacement["status"].values == Status.OK).all()
+
+
+FRAME = StructureFrame(structure_from_cam1(0.42, pitch_rad=0.03))
+LATE_S = 0.173
+
+
+def swing_mm(time_s, *, periodic=False):
+    """Displacement along the structure's axes (T, 3) [mm]: an even swing, or two that begin after a rest."""
+    if periodic:
+        return np.outer(np.sin(2 * np.pi * 2.0 * time_s), [4.0, 8.0, 0.0])
+    swell = np.clip((time_s - 1) / 1.5, 0, 1) ** 2
+    waves = [4 * np.sin(2 * np.pi * 1.4 * time_s), 9 * np.sin(2 * np.pi * (2.2 + 0.1 * time_s) * time_s), 0 * time_s]
+    return (swell * np.array(waves)).T
+
+
+def make_recordings(*, periodic=False, moving=True, noise_px=(0.01, 0.01), late_s=LATE_S, seed=0):
+    """Tracks of two points in two views 8 s long, the right one of which begins late; each on its own clock."""
+    rig, stamps = simple_rig(), np.arange(240) / 30
+    rest = np.array([[0.5, -0.2, 21.0], [-1.5, 0.3, 25.0]])
+    rng, tracks = np.random.default_rng(seed), {}
+    for name, camera, std, start_s in zip(("left", "right"), rig.cameras, noise_px, (0.0, late_s), strict=True):
+        motion = moving * swing_mm(stamps + start_s, periodic=periodic)[:, None] / 1e3
+        seen = np.asarray(camera.project(rest + motion @ FRAME.rotation)) + rng.normal(0, std, (240, 2, 2))
+        covariance = np.broadcast_to(np.eye(2) * std**2, (240, 2, 2, 2))
+        tracks[name] = make_tracks(stamps, ["p", "q"], seen, covariance, np.zeros((240, 2), int), attrs={})
+    solution = CameraSolution(Rig(("left", "right"), rig.cameras, rig.metric), FRAME, None, {}, {})
+    return tracks, solution
+
+
+def make_session(*, method=None, **right):
+    return Session(
+        name="bridge",
+        view=[
+            {"name": "left", "video": "l.mp4", **right.pop("left", {})},
+            {"name": "right", "video": "r.mp4", **right},
+        ],
+        site={"baseline": {"value": 4.0, "std": 0.01}},
+        point=[{"name": name, "view": "left", "pixel": [1.0, 1.0]} for name in "pq"],
+        method={"still_interval_s": [0.0, 0.9], **(method or {})},
+    )
+
+
+def largest_error_mm(displacement):
+    error = displacement["displacement"].values - swing_mm(displacement["time"].values)[:, None]
+    return np.abs(error[..., :2]).max()
+
+
+class TestClocks:
+    def test_the_motion_tells_the_offset(self):
+        tracks, solution = make_recordings()
+        displacement = displacement_of(make_session(), tracks, solution)
+        offset_s, std_s, ratio = displacement.attrs["clock_right"]
+        assert offset_s == pytest.approx(LATE_S, abs=1e-3)
+        assert 0 < std_s < 1e-3
+        assert ratio == 1.0
+        assert displacement.attrs["clock_right_status"] == "ok"
+        assert "clock_left" not in displacement.attrs or displacement.attrs["clock_left"][0] == 0
+        assert largest_error_mm(displacement) < 1.0
+        assert (displacement["status"].values == Status.OK).all()
+        # The same recordings taken as simultaneous are wrong by more than the motion.
+        simultaneous = displacement_of(make_session(method={"synchronization": "none"}), tracks, solution)
+        assert largest_error_mm(simultaneous) > 10
+        assert "clock_right" not in simultaneous.attrs
+
+    @pytest.mark.parametrize(
+        "stated",
+        [
+            {"time_offset_s": LATE_S},
+            {"start": "2026-11-20T10:00:00.173Z", "left": {"start": "2026-11-20T11:00:00+01:00"}},
+        ],
+    )
+    def test_a_stated_offset_is_taken_where_the_motion_tells_none(self, stated):
+        tracks, _ = make_recordings(moving=False)
+        aligned, clocks = synchronize_tracks(make_session(**stated), tracks)
+        assert clocks["right"].status == "no common motion"
+        assert aligned["time"].values[0] == pytest.approx(6 / 30)
+        tracks, solution = make_recordings()
+        method = {"synchronization": "none"}
+        displacement = displacement_of(make_session(method=method, **stated), tracks, solution)
+        assert largest_error_mm(displacement) < 1.0
+
+    def test_an_offset_that_nobody_knows_makes_samples_unreliable(self):
+        tracks, solution = make_recordings(moving=False)
+        unknown = displacement_of(make_session(), tracks, solution)
+        assert unknown.attrs["clock_right_status"] == "no common motion"
+        assert (unknown["status"].values == Status.UNRELIABLE).all()
+        stated = displacement_of(make_session(time_offset_s=LATE_S), tracks, solution)
+        assert stated.attrs["clock_right_status"] == "no common motion"
+        assert (stated["status"].values == Status.OK).all()
+
+    def test_the_stated_offset_s_accuracy_decides_between_peaks(self):
+        tracks, _ = make_recordings(periodic=True)
+        session = make_session(time_offset_s=0.2)
+        assert synchronize_tracks(session, tracks)[1]["right"].status == "peak not unique"
+        sure = make_session(time_offset_s=0.2, time_offset_std_s=0.03)
+        found = synchronize_tracks(sure, tracks)[1]["right"]
+        assert found.status == "ok"
+        assert found.offset_s == pytest.approx(LATE_S, abs=1e-3)
+
+
+class TestRefinement:
+    def refined(self, *, noise_px=(0.02, 0.1), **sgr):
+        tracks, solution = make_recordings(noise_px=noise_px)
+        return displacement_of(make_session(method={"refinement": "sgr", "sgr": sgr}), tracks, solution)
+
+    def test_the_poorer_view_is_corrected_and_longitudinal_noise_is_gone(self):
+        tracks, solution = make_recordings(noise_px=(0.02, 0.1))
+        before, after = displacement_of(make_session(), tracks, solution), self.refined()
+        assert after.attrs["refinement"] == "sgr"
+        assert after.attrs["refinement_status"] == ["ok", "ok"]
+        assert after.attrs["refined_view"] == ["right", "right"]
+        assert "refinement_status" not in before.attrs
+        longitudinal = [float(one["displacement"].sel(axis="longitudinal").std()) for one in (before, after)]
+        assert longitudinal[1] < 0.3 * longitudinal[0]
+        stated = [float(one["displacement_std"].sel(axis="longitudinal").mean()) for one in (before, after)]
+        assert stated[1] < 0.5 * stated[0]
+        assert np.abs(after["refinement_correction"].values).max() > 0.05
+        assert after["refinement_correction"].attrs["units"] == "px"
+        assert ((after["prior_share"] > 0.5) & (after["prior_share"] < 1)).all()
+        vertical = after["displacement"].sel(axis="vertical") - swing_mm(after["time"].values)[:, 1, None]
+        assert float(np.sqrt((vertical**2).mean())) < 0.3
+
+    def test_its_settings_are_those_of_the_session(self):
+        assert self.refined(uncertain_view="left").attrs["refined_view"] == ["left", "left"]
+        share = [float(self.refined(pixel=pixel)["prior_share"][0]) for pixel in (0.05, 5.0)]
+        assert share[1] != pytest.approx(share[0], abs=0.02)
+        lateral = self.refined(suppressed_axis="lateral")["displacement"].sel(axis="lateral")
+        assert float(np.ptp(lateral)) < 0.5 * np.ptp(swing_mm(np.arange(240) / 30)[:, 0])
+        with pytest.raises(DatasetError, match="'middle'"):
+            self.refined(uncertain_view="middle")
+
+    def test_without_the_structure_s_axes_it_is_refused(self):
+        tracks, solution = make_recordings()
+        with pytest.raises(DatasetError, match="refinement: expected the structure's axes, got none"):
+            displacement_of(make_session(method={"refinement": "sgr"}), tracks, replace(solution, frame=None))
 
 
 class TestSingleView:

@@ -55,6 +55,28 @@ def test_stated_random_std_is_the_scatter():
     np.testing.assert_allclose(scatter, stated, rtol=0.12)
 
 
+def test_a_refinement_s_gain_shapes_the_stated_std_and_nothing_else():
+    rig = simple_rig()
+    still = np.zeros((90, 1, 3))
+    gain = np.full((2, 3, 3), np.nan)
+    gain[0] = [[0.9, 0.0, 0.3], [0.1, 1.0, 0.0], [0.0, 0.05, 0.1]]
+    plain = [
+        compute_displacement(tracks_of(rig, noise_px=0.02, seed=s, motion_mm=still), rig, frame=FRAME)
+        for s in range(30)
+    ]
+    tracks = tracks_of(rig, noise_px=0.02, motion_mm=still)
+    result = compute_displacement(tracks, rig, frame=FRAME, refinement_gain=gain)
+    # What the gain makes of noise, by drawing it.
+    noise = xr.concat([one["position"] * 1e3 for one in plain], "trial").values
+    refined = (noise - noise.mean(axis=0))[:, :, 0] @ gain[0].T
+    stated = result["displacement_std"].mean("time").values
+    np.testing.assert_allclose(refined.std(axis=0, ddof=1).mean(axis=0), stated[0], rtol=0.12)
+    assert stated[0, 2] < 0.2 * plain[0]["displacement_std"].mean("time").values[0, 2]
+    # A point that was not refined keeps what it had, and the tracks are refined already.
+    np.testing.assert_array_equal(result["displacement_std"].values[:, 1], plain[0]["displacement_std"].values[:, 1])
+    np.testing.assert_array_equal(result["displacement"].values, plain[0]["displacement"].values)
+
+
 def test_without_distances_axes_are_the_cameras():
     rig = simple_rig()
     result = compute_displacement(tracks_of(rig), rig)

@@ -11,6 +11,7 @@ from PIL.TiffImagePlugin import IFDRational
 from pydantic import ValidationError
 
 from vfm_sdm.errors import SessionError
+from vfm_sdm.refinement import SgrSettings, SgrWeights
 from vfm_sdm.session import (
     Chessboard,
     Length,
@@ -22,6 +23,7 @@ from vfm_sdm.session import (
     Range,
     Sensor,
     Session,
+    Sgr,
     Site,
     View,
     lens_from_exif,
@@ -193,6 +195,39 @@ def test_a_sensors_start_survives_the_file(tmp_path):
     assert native != written.read_text()
     written.write_text(native)
     assert read_session(written).sensor[0].start == again.start
+
+
+def test_clocks_and_refinement_of_the_file(tmp_path):
+    make_files(tmp_path)
+    clock = "time_offset_s = -0.25\ntime_offset_std_s = 0.05\nstart = 2026-11-20T10:15:30.25Z"
+    weights = 'longitudinal = 2.5\npixel = 0.1\nsuppressed_axis = "lateral"\nuncertain_view = "right"'
+    text = DESIGN.replace("time_offset_s = -0.25", clock)
+    text += f'synchronization = "none"\n[method.sgr]\n{weights}\n'
+    session = read_session(write_design(tmp_path, text))
+    assert session.view[0].start is None
+    assert session.view[0].time_offset_std_s is None
+    assert session.view[1].start == datetime(2026, 11, 20, 10, 15, 30, 250000, tzinfo=UTC)
+    assert session.view[1].time_offset_std_s == 0.05
+    assert session.method.synchronization == "none"
+    expected = Sgr(longitudinal=2.5, pixel=0.1, suppressed_axis="lateral", uncertain_view="right")
+    assert session.method.sgr == expected
+    again = read_session(write_session(tmp_path / "again.toml", session))
+    assert again == session
+    assert session_hash(again) == session_hash(session)
+    unlike = session.model_copy(update={"method": session.method.model_copy(update={"sgr": Sgr()})})
+    assert session_hash(unlike) != session_hash(session)
+
+
+def test_refinement_and_synchronisation_are_the_paper_s_when_left_out():
+    method = small().method
+    assert method.synchronization == "motion"
+    defaults, weights = SgrSettings(), SgrWeights()
+    assert (method.sgr.suppressed_axis, method.sgr.uncertain_view) == (
+        defaults.suppressed_axis,
+        defaults.uncertain_view,
+    )
+    for name in ("longitudinal", "longitudinal_rate", "others", "others_rate", "pixel"):
+        assert getattr(method.sgr, name) == getattr(weights, name)
 
 
 def test_chessboard_paths_move_along(tmp_path):
@@ -433,6 +468,35 @@ FAULTS = {
     "start without a time zone": (
         {"sensor": [{"name": "s", "file": "a.csv", "start": "2026-11-20T10:00:00"}]},
         r"sensor\[s\].start: expected .* timezone",
+    ),
+    "start of a view as a number": (
+        {"view": [{"name": "left", "video": "l", "start": 5}]},
+        r"view\[left\].start: expected a date and time such as 2026-11-20T10:15:30.25Z, got 5",
+    ),
+    "start of a view without a time zone": (
+        {"view": [{"name": "left", "video": "l", "start": "2026-11-20T10:00:00"}]},
+        r"view\[left\].start: expected .* timezone",
+    ),
+    "certain offset": (
+        {"view": [{"name": "left", "video": "l", "time_offset_std_s": 0.0}]},
+        r"view\[left\].time_offset_std_s: expected greater than 0, got 0.0",
+    ),
+    "unknown synchronisation": (
+        {"method": {"synchronization": "audio"}},
+        r"method.synchronization: expected 'motion' or 'none', got 'audio'",
+    ),
+    "negative weight": (
+        {"method": {"sgr": {"others_rate": -1.0}}},
+        r"method.sgr.others_rate: expected greater than or equal to 0, got -1.0",
+    ),
+    "certain pixel": ({"method": {"sgr": {"pixel": 0}}}, r"method.sgr.pixel: expected greater than 0, got 0"),
+    "suppressed axis": (
+        {"method": {"sgr": {"suppressed_axis": "up"}}},
+        r"method.sgr.suppressed_axis: expected 'lateral', 'vertical' or 'longitudinal', got 'up'",
+    ),
+    "weight of nothing": (
+        {"method": {"sgr": {"longitudnal": 1.0}}},
+        r"method.sgr.longitudnal: expected one of the keys .*; did you mean 'longitudinal'\?",
     ),
     "units of a sensor": (
         {"sensor": [{"name": "s", "file": "a.csv", "units": "ft"}]},

@@ -26,7 +26,7 @@ from vfm_sdm.synthetic.sensors import Accelerometer
 
 NAN = float("nan")
 POINTS = ("1/4 span", "1/2 span")
-LAG_S, SENSOR_S = 0.25, -1.5
+OFFSET_S, SENSOR_S = 0.25, -1.5
 
 
 def make_score(nrmse=0.1, correlation=0.9, rppae=0.2):
@@ -63,9 +63,9 @@ def make_result(name="data-1", **changes):
     sensors = tuple(MountedAccelerometer(Accelerometer(f"acc-{n}"), point) for n, point in enumerate(POINTS))
     plan = replace(demo_plan(), name=name, accelerometers=sensors, **changes)
     session = SimpleNamespace(view=[SimpleNamespace(name="left"), SimpleNamespace(name="right")])
-    truth = xr.Dataset(attrs={"second_view_offset_s": LAG_S, "sensor_offset_s": [SENSOR_S, SENSOR_S]})
+    truth = xr.Dataset(attrs={"second_view_offset_s": OFFSET_S, "sensor_offset_s": [SENSOR_S, SENSOR_S]})
     result = Result(FieldTest(plan, Path(), session, truth, None))
-    result.runs[OURS] = MethodRun(make_displacement_with_clock(LAG_S + 0.5e-3, 0.2e-3, "ok"))
+    result.runs[OURS] = MethodRun(make_displacement_with_clock(OFFSET_S + 0.5e-3, 0.2e-3, "ok"))
     clock = Synchronization(-(SENSOR_S - 2e-3), 0.7e-3, 0.99, "ok")
     result.evaluations["accelerometers"] = {
         OURS: make_evaluation(estimate_mm=5.0, clock=clock),
@@ -115,7 +115,7 @@ def test_the_error_of_the_reference_itself():
 def test_clocks_beside_the_true_ones():
     rows = report.clock_table({"data-1": make_result()}).rows
     assert [row[:2] for row in rows] == [("data-1", "second view"), ("data-1", "accelerometers")]
-    assert rows[0][2:6] == pytest.approx((LAG_S, LAG_S + 0.5e-3, 0.5, 0.2))
+    assert rows[0][2:6] == pytest.approx((OFFSET_S, OFFSET_S + 0.5e-3, 0.5, 0.2))
     assert rows[1][2:6] == pytest.approx((SENSOR_S, SENSOR_S - 2e-3, -2.0, 0.7))
     assert [row[6] for row in rows] == ["ok", "ok"]
 
@@ -124,7 +124,7 @@ def test_a_clock_that_the_motion_does_not_tell_is_shown_with_its_reason():
     result = make_result()
     result.runs[OURS] = MethodRun(make_displacement_with_clock(NAN, NAN, "peak not unique"))
     row = report.clock_table({"data-1": result}).rows[0]
-    assert row[2] == LAG_S
+    assert row[2] == OFFSET_S
     assert np.isnan(row[3:6]).all()
     assert row[6] == "peak not unique"
 

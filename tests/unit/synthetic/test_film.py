@@ -133,9 +133,11 @@ def test_motion_blur_and_rolling_shutter_together(scene, draw):
 
 
 def test_peaks_between_the_frames_are_within_reach():
-    # 6 Hz at 12 frames a second: the largest displacement falls between frames, where a long exposure still sees it.
+    # 6 Hz at 12 frames a second: the largest displacement falls between frames, where a rolling shutter still sees it.
     site = FootbridgeSite(image_size=(160, 90))
-    plan = replace(demo_plan(duration_s=0.8, site=site), fps=12, recordings=(Recording(exposure_s=1 / 13),) * 2)
+    plan = replace(
+        demo_plan(duration_s=0.8, site=site), fps=12, recordings=(replace(CLEAN, rolling_shutter_s=1 / 13),) * 2
+    )
     fast = replace(plan.motion, modes=(Mode("vertical", 6.0, 5.0, damping_ratio=0.001),))
     frames, _ = film_view(replace(plan, motion=fast), build_footbridge(site, seed=1), 0)
     assert len(list(frames)) == 10
