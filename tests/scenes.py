@@ -58,7 +58,10 @@ def write_scene(folder: Path, *, covariance: bool = True, frames: int = FRAMES, 
     session = Session(
         name="moving plane",
         folder=folder,
-        view=[{"name": n, "images": f"{n}/*.png", "fps": FPS, "camera": "rig.toml"} for n in rig.names],
+        view=[
+            {"name": n, "images": f"{n}/*.png", "fps": FPS, "camera": "rig.toml", "time_offset_s": 0.0}
+            for n in rig.names
+        ],
         point=[{"name": n, "view": "left", "pixel": list(uv)} for n, uv in POINTS.items()],
         method={"cameras": "file", **method},
     )

@@ -187,7 +187,7 @@ def synchronize_tracks(
     DatasetError
         The recordings do not overlap.
     """
-    stated = {view.name: _stated_offset(session, view) for view in session.view}
+    stated = {view.name: _stated_offset(session, view) or 0.0 for view in session.view}
     found: dict[str, Synchronization] = {}
     moving = [p.name for p in session.point if not p.static]
     if session.method.synchronization == "motion" and moving:
@@ -238,7 +238,7 @@ def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution
     for view, clock in clocks.items():
         displacement.attrs[f"clock_{view}"] = [clock.offset_s, clock.lag_std_s, clock.rate_ratio]
         displacement.attrs[f"clock_{view}_status"] = clock.status
-    if any(_clock_unknown(view, clocks) for view in session.view[1:]):
+    if any(_clock_unknown(session, view, clocks) for view in session.view[1:]):
         codes = displacement["status"]
         displacement["status"] = codes.where(codes != Status.OK, np.int8(Status.UNRELIABLE)).assign_attrs(codes.attrs)
     if refinement is not None:
@@ -262,14 +262,13 @@ def _refine(session: Session, aligned: xr.Dataset, solution: CameraSolution) -> 
     return refine(aligned, solution.rig, solution.frame, settings=settings, still_interval_s=interval)
 
 
-def _clock_unknown(view: View, clocks: Mapping[str, Synchronization]) -> bool:
+def _clock_unknown(session: Session, view: View, clocks: Mapping[str, Synchronization]) -> bool:
     """Whether neither the motion nor the session tells a view's offset: its displacement is not to be trusted."""
-    stated = bool({"time_offset_s", "start"} & view.model_fields_set)
-    return view.name in clocks and not clocks[view.name].ok and not stated
+    return view.name in clocks and not clocks[view.name].ok and _stated_offset(session, view) is None
 
 
-def _stated_offset(session: Session, view: View) -> float:
-    """How much later a view begins than the reference view, as far as the session says [s]."""
+def _stated_offset(session: Session, view: View) -> float | None:
+    """How much later a view begins than the reference view [s]; ``None`` where the session does not say."""
     first = session.reference_view.start
     if view.start is not None and first is not None:
         return (view.start - first).total_seconds()

@@ -11,8 +11,12 @@ import pytest
 from scenes import write_scene
 from vfm_sdm.cli import main
 from vfm_sdm.datasets import STRUCTURE_AXES, make_displacement
+from vfm_sdm.metrics import Score
+from vfm_sdm.protocol import Benchmark, Case
+from vfm_sdm.protocol.tables import comparison_table
 from vfm_sdm.results import write_displacement
 from vfm_sdm.session import Session, read_session, write_session
+from vfm_sdm.synthetic.presets import PRESETS
 
 
 @pytest.fixture(scope="module")
@@ -152,6 +156,60 @@ def test_no_lag_is_status_three(command, sensor_file, run_folder, tmp_path):
     assert json.loads((run_folder / "evaluation.json").read_text())["mean"]["correlation"] is None
 
 
+@pytest.fixture
+def benchmark_calls(monkeypatch):
+    """What the command asks the library for; the library answers with two small tables."""
+    case = Case("data-2", "mid", "vertical")
+    score = Score(0.0312, 0.987, 0.02, 1.0, 0.01, 0.9, 0.95, 0.0, 0.0, 100, None, False)
+    tables = {
+        name: comparison_table(name, f"THE {name}", {"with SGR": {case: score}}, cases=cases)
+        for name, cases in (
+            ("refinement_against_truth", [case]),
+            ("refinement_against_accelerometers", [case]),
+            ("outside_assumptions", []),
+        )
+    }
+    calls = []
+
+    def run(folder, **options):
+        calls.append((folder, options))
+        return Benchmark(folder, dict(tables), {}, [], 90.0)
+
+    monkeypatch.setattr("vfm_sdm.cli.run_benchmark", run)
+    return calls, tables, case, score
+
+
+def test_benchmark(command, benchmark_calls, tmp_path):
+    calls, tables, case, score = benchmark_calls
+    status, out, _ = command("benchmark", "-o", tmp_path / "out")
+    assert status == 0
+    folder, options = calls.pop()
+    assert folder == tmp_path / "out"
+    progress = options.pop("progress")
+    progress("filming", 1, 2)
+    assert options == {"size": "small", "names": PRESETS, "sensitivity": True}
+    assert "with SGR, against truth" in out
+    assert "with SGR, against accelerometers" in out
+    assert re.search(r"data-2 +mid +vertical +0\.031 +0\.987 +0\.020", out)
+    assert re.search(r"README.md, tables and figures beside it; 1\.5 min", out.replace("\n", " "))
+    # Field tests outside the assumptions are shown apart, and only where there are any.
+    assert "THE outside_assumptions" not in out
+    tables["outside_assumptions"] = comparison_table("o", "THE outside", {"with SGR": {case: score}}, cases=[case])
+    words = ["--size", "full", "--data", "data-4", "--data", "data-1", "--no-sensitivity"]
+    status, out, _ = command("benchmark", "-o", tmp_path / "out", *words)
+    assert status == 0
+    options = calls.pop()[1]
+    assert (options["size"], options["names"], options["sensitivity"]) == ("full", ("data-4", "data-1"), False)
+    assert "THE outside" in out
+
+
+def test_a_benchmark_of_what_is_not_there_is_refused(command, benchmark_calls, tmp_path):
+    for words in (["--data", "data-5"], ["--size", "huge"]):
+        assert command("benchmark", "-o", tmp_path, *words)[0] != 0
+    assert command("benchmark")[0] != 0
+    assert benchmark_calls[0] == []
+
+
 def test_info(command):
     status, out, _ = command("info")
     assert status == 0
@@ -170,7 +228,7 @@ def test_version_and_help(command):
     assert command("--version")[1].strip() == "0.1.0"
     status, out, _ = command("--help")
     assert status == 0
-    for name in ("demo", "measure", "track", "cameras", "displacement", "reference", "evaluate", "info"):
+    for name in ("demo", "measure", "track", "cameras", "displacement", "reference", "evaluate", "benchmark", "info"):
         assert name in out
 
 

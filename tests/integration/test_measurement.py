@@ -11,7 +11,7 @@ import pytest
 from scenes import FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
 from vfm_sdm.cameras.solution import CameraSolution
-from vfm_sdm.datasets import Status, make_tracks
+from vfm_sdm.datasets import STRUCTURE_AXES, Status, make_tracks
 from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError, SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
@@ -196,7 +196,8 @@ def test_the_summary_tells_clocks_and_refinement(recording, tmp_path):
     distance = {"value": 7.0, "std": 0.05}
     site = {"perpendicular_distance": distance, "longitudinal_distance": distance}
     method = {**session.method.model_dump(), "refinement": "sgr"}
-    measure(changed(session, site=site, method=method), tmp_path / "run")
+    views = [{**view.model_dump(), "time_offset_s": None} for view in session.view]
+    measure(changed(session, view=views, site=site, method=method), tmp_path / "run")
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     # Half a second of motion tells no offset, and the session states none.
     assert set(summary["clocks"]) == {"right"}
@@ -240,11 +241,11 @@ def make_recordings(*, periodic=False, moving=True, noise_px=(0.01, 0.01), late_
     return tracks, solution
 
 
-def make_session(*, method=None, **right):
+def make_session(*, method=None, left=None, **right):
     return Session(
         name="bridge",
         view=[
-            {"name": "left", "video": "l.mp4", **right.pop("left", {})},
+            {"name": "left", "video": "l.mp4", **(left or {})},
             {"name": "right", "video": "r.mp4", **right},
         ],
         site={"baseline": {"value": 4.0, "std": 0.01}},
@@ -300,6 +301,17 @@ class TestClocks:
         stated = displacement_of(make_session(time_offset_s=LATE_S), tracks, solution)
         assert stated.attrs["clock_right_status"] == "no common motion"
         assert (stated["status"].values == Status.OK).all()
+        # A time of one view alone says nothing, zero does.
+        alone = displacement_of(make_session(start="2026-11-20T10:00:00Z"), tracks, solution)
+        assert (alone["status"].values == Status.UNRELIABLE).all()
+        together = displacement_of(make_session(time_offset_s=0.0), tracks, solution)
+        assert (together["status"].values == Status.OK).all()
+
+    def test_what_was_not_stated_is_not_stated_by_the_session_s_file(self, tmp_path):
+        tracks, solution = make_recordings(moving=False)
+        written = read_session(write_session(tmp_path / "session.toml", make_session()), check_files=False)
+        again = displacement_of(written, tracks, solution)
+        assert (again["status"].values == Status.UNRELIABLE).all()
 
     def test_the_stated_offset_s_accuracy_decides_between_peaks(self):
         tracks, _ = make_recordings(periodic=True)
@@ -335,10 +347,11 @@ class TestRefinement:
 
     def test_its_settings_are_those_of_the_session(self):
         assert self.refined(uncertain_view="left").attrs["refined_view"] == ["left", "left"]
-        share = [float(self.refined(pixel=pixel)["prior_share"][0]) for pixel in (0.05, 5.0)]
-        assert share[1] != pytest.approx(share[0], abs=0.02)
-        lateral = self.refined(suppressed_axis="lateral")["displacement"].sel(axis="lateral")
-        assert float(np.ptp(lateral)) < 0.5 * np.ptp(swing_mm(np.arange(240) / 30)[:, 0])
+        share = float(self.refined()["prior_share"][0])
+        for lax in ({"pixel": 50.0}, {"longitudinal": 0.1, "longitudinal_rate": 0.1}, {"others": 600.0}):
+            assert float(self.refined(**lax)["prior_share"][0]) < share - 0.03
+        lateral = [self.refined(suppressed_axis=a)["displacement"].sel(axis="lateral") for a in STRUCTURE_AXES[::2]]
+        assert np.ptp(lateral[0].values) < 0.8 * np.ptp(lateral[1].values)
         with pytest.raises(DatasetError, match="'middle'"):
             self.refined(uncertain_view="middle")
 

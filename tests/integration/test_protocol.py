@@ -51,6 +51,7 @@ def tiny_plan(name, size="small", *, width=512, duration_s=4.5):
         recordings=(recording, replace(recording, start_s=OFFSET_S)),
         accelerometers=sensors,
         refinement="sgr",
+        synchronization="motion",
         subset_px=31,
         within_assumptions=name != "data-4",
     )

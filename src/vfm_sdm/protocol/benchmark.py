@@ -8,7 +8,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from vfm_sdm.errors import ResultsError
+from vfm_sdm.errors import ResultsError, VfmSdmError
 from vfm_sdm.evaluation import Evaluation
 from vfm_sdm.metrics import Score
 from vfm_sdm.protocol import report
@@ -165,12 +165,16 @@ def _run_test(out: Path, name: PresetName, size: Size, progress: Progress | None
                     evaluations[method] = evaluations[twin]
             continue
         with _saying(progress, f"{name}: {method.label}"):
-            if method == MONOCULAR:
-                run = run_monocular(test, place, progress=progress)
-            else:
-                run, costs = run_method(test, method, place, progress=progress)
-        if method == OURS:
-            result.costs = [*costs, *measure_geometry(test, run)]
+            try:
+                if method == MONOCULAR:
+                    run = run_monocular(test, place, progress=progress)
+                else:
+                    run, costs = run_method(test, method, place, progress=progress)
+                    if method == OURS:
+                        result.costs = [*costs, *measure_geometry(test, run)]
+            except VfmSdmError as error:
+                # One method that fails on one field test is a line in the tables, not the end of the protocol.
+                run = MethodRun(None, status=str(error))
         result.runs[method] = run
         if run.displacement is not None:
             for against, evaluation in _evaluations(test, run.displacement).items():
@@ -217,7 +221,7 @@ def _comparison(comparison: Comparison, results: Mapping[str, TestResult], again
         scores,
         cases=cases,
         missing={method.label: str(why_not(method)) for method in comparison.methods if method not in able},
-        notes=_failures(able, results),
+        notes=[*_failures(able, results), *_gaps(able, results, against)],
     )
 
 
@@ -228,6 +232,18 @@ def _failures(methods: Sequence[Method], results: Mapping[str, TestResult]) -> l
         for name, result in results.items()
         for method in methods
         if method in result.runs and result.runs[method].displacement is None
+    ]
+
+
+def _gaps(methods: Sequence[Method], results: Mapping[str, TestResult], against: str) -> list[str]:
+    """Why figures are missing of methods that gave a displacement, such as an unknown lag."""
+    return [
+        f"{method.label} on {name}: {note}"
+        for name, result in results.items()
+        for method in methods
+        if (evaluation := result.evaluations[against].get(method)) is not None
+        and len(evaluation.rows_with_figures) < len(evaluation.rows)
+        for note in evaluation.notes
     ]
 
 

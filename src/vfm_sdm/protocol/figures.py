@@ -77,7 +77,7 @@ def _test_figures(result: "TestResult") -> Iterator[tuple[str, Figure]]:
         yield f"{point}_comparison", plot_comparison(time_s, series, title=title)
         if all("reference" in of_axis for of_axis in series.values()):
             yield f"{point}_parity", plot_parity(series, title=title)
-    if run.cameras is not None and run.cameras.rig is not None:
+    if result.test.plan.within_assumptions and run.cameras is not None and run.cameras.rig is not None:
         cameras = result.test.plan.site.cameras()
         world = np.array([point.position for point in result.test.plan.points])
         points3d = world @ cameras[0].rotation.T + cameras[0].translation

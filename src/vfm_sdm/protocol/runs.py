@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from shutil import copyfile
 
 import numpy as np
 import xarray as xr
@@ -148,6 +149,10 @@ def run_method(
     run = Run(session, place, progress)
     run.check_method()
     write_session(place / "session.resolved.toml", session)
+    # Trackers share the cameras; a run takes the file only if it belongs to the same inputs.
+    known = folder / f"cameras-{method.cameras}.toml"
+    if known.exists() and not (place / "cameras.toml").exists():
+        copyfile(known, place / "cameras.toml")
     frames = f"{test.plan.frames} frames, {len(session.point)} points"
     with measure_cost("camera parameter estimation", f"{len(session.view)} frames") as of_cameras:
         cameras = run.cameras()

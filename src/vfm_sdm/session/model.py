@@ -108,9 +108,9 @@ class View(Entry):
     lens: Lens | None = None
     camera: _PathField | None = None
     """File with the known camera, own TOML or OpenCV YAML."""
-    time_offset_s: Number = 0.0
+    time_offset_s: Number | None = None
     """How much later this view's first frame was taken than the reference view's first frame [s]; roughly, where the
-    motion gives it exactly (`Method.synchronization`)."""
+    motion gives it exactly (`Method.synchronization`). 0 counts as stated, nothing does not."""
     time_offset_std_s: Positive | None = None
     """Standard deviation of that [s]; it decides between peaks where the motion alone cannot."""
     start: _Start | None = None

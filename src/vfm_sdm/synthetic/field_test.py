@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from vfm_sdm.synthetic.footbridge import FootbridgeSite, build_footbridge
 from vfm_sdm.synthetic.motion import ModalMotion, Mode
 from vfm_sdm.synthetic.plan import Preset, Recording, SiteErrors, SitePoint
 from vfm_sdm.synthetic.recording import write_video
+from vfm_sdm.synthetic.scene import Scene
 from vfm_sdm.synthetic.sensors import write_acceleration
 
 __all__ = ["demo_plan", "make_demo", "make_field_test"]
@@ -100,11 +102,12 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
         write_rig(target / "cameras_true.toml", replace(cameras, covariance=np.zeros(2 * [len(_VIEWS) * _PARAMETERS])))
     except OSError as error:
         raise ResultsError(f"{target}: expected to write to this folder, got: {error}; choose another") from error
-    scene = build_footbridge(plan.site, seed=plan.seed)
+    missing = [view for view, video in enumerate(videos) if not (target / video).exists()]
+    scene = _scene(plan.site, plan.seed) if missing else None
     for view, video in enumerate(videos):
         done, total = view * plan.frames, len(videos) * plan.frames
         path = target / video
-        if not path.exists():
+        if scene is not None and view in missing:
             frames, chroma = film_view(plan, scene, view)
             options = {"crf": str(plan.recordings[view].crf), **plan.encoder}
             write_video(path, _counted(frames, done, total, progress), fps=plan.fps, chroma=chroma, options=options)
@@ -172,6 +175,12 @@ def make_demo(
 ) -> Path:
     """Writes the demonstration's recording; see `demo_plan` and `make_field_test`."""
     return make_field_test(folder, demo_plan(seed=seed, duration_s=duration_s, site=site), progress=progress)
+
+
+@lru_cache(maxsize=1)
+def _scene(site: FootbridgeSite, seed: int) -> Scene:
+    """The scene; the last one is kept, because studies film one scene many times."""
+    return build_footbridge(site, seed=seed)
 
 
 def _counted(

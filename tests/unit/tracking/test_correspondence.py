@@ -117,3 +117,19 @@ def test_nothing_asked_nothing_found(images):
 def test_points_outside_the_first_image_are_refused(images):
     with pytest.raises(DatasetError, match="expected pixels inside 420 x 320"):
         find_correspondences(images, np.array([[500.0, 10.0]]), rig(), matches=NO_MATCHES)
+
+
+def test_smaller_squares_find_what_a_stiffener_hides_in_part(images, monkeypatch):
+    left, right = images[0], images[1].copy()
+    stiffener = view(rig().cameras[1], WaveTexture(77))
+    place = true_position()[1]
+    # From 13 px beside the point on, the second view sees something else.
+    edge = round(place[0]) + 13
+    right[:, edge : edge + 60] = stiffener[:, edge : edge + 60]
+    found = find_correspondences((left, right), POINTS[1:2], rig(), matches=NO_MATCHES, subset_px=61)
+    assert found.status == (OK,)
+    assert found.correlation[0] > 0.9
+    np.testing.assert_allclose(found.points2d[0], place, atol=ATOL_PX)
+    monkeypatch.setattr("vfm_sdm.tracking.correspondence._SIZES_PX", (61,))
+    whole = find_correspondences((left, right), POINTS[1:2], rig(), matches=NO_MATCHES, subset_px=61)
+    assert whole.status != (OK,) or np.abs(whole.points2d[0] - place).max() > 2 * ATOL_PX
