@@ -11,6 +11,10 @@ from vfm_sdm.session import Session
 MAGNITUDES_MM = (0.0, 0.424, 0.900, 1.394, 1.878)  # two independent trackers agree on them to 0.002 mm
 
 
+TOGETHER = {"synchronization": "none"}
+"""Both cameras took each picture at the same instant."""
+
+
 @pytest.fixture(scope="module")
 def folder(shared_data):
     return shared_data("multidic_cylinder")
@@ -39,7 +43,7 @@ def views(**fields):
 def with_camera_file(folder, points, tmp_path_factory):
     camera = tmp_path_factory.mktemp("cameras") / "rig.toml"
     write_rig(camera, rig_from_control_points(folder))
-    method = {"cameras": "file"}
+    method = {"cameras": "file", **TOGETHER}
     return measure(Session(name="cylinder", folder=folder, view=views(camera=camera), point=points, method=method))
 
 
@@ -47,7 +51,8 @@ def with_camera_file(folder, points, tmp_path_factory):
 def without_calibration(folder, points):
     lens = {"focal_px": 2615.0, "relative_std": 0.02}
     site = {"baseline": {"value": 0.18013, "std": 0.0005}}
-    return measure(Session(name="cylinder", folder=folder, view=views(lens=lens), site=site, point=points))
+    session = Session(name="cylinder", folder=folder, view=views(lens=lens), site=site, point=points, method=TOGETHER)
+    return measure(session)
 
 
 def test_known_cameras_give_the_reference_within_two_hundredths_of_a_millimetre(with_camera_file):
@@ -85,7 +90,10 @@ def test_a_wrong_focal_length_is_covered_by_its_own_uncertainty_or_named(folder,
     """What the data's README computed for wrong focal lengths; here their prior says that they are guesses."""
     lens = {"focal_px": focal, "relative_std": 0.25}
     site = {"baseline": {"value": 0.18013, "std": 0.0005}}
-    result = measure(Session(name="cylinder", folder=folder, view=views(lens=lens), site=site, point=points[:3]))
+    session = Session(
+        name="cylinder", folder=folder, view=views(lens=lens), site=site, point=points[:3], method=TOGETHER
+    )
+    result = measure(session)
     wrong = magnitudes(result.displacement)[-1].mean() / MAGNITUDES_MM[-1] - 1
     assert np.sign(wrong) == np.sign(error)
     assert result.cameras.status != "ok" or abs(wrong) < 2 * result.displacement["scale_std"].values.min()

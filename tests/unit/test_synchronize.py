@@ -350,6 +350,12 @@ def test_views_of_a_short_recording_are_not_matched_half_a_period_off():
     assert not estimate_lag(clock, values[0], clock, values[1], search_s=2.0, positive_gain=True).ok
 
 
+def test_pictures_taken_one_by_one_are_too_slow_for_the_band():
+    clock, a, _, b = sines(np.random.default_rng(0))
+    found = estimate_lag(clock * 60, a, clock * 60, b, search_s=5.0)
+    assert (found.status, found.ok) == (LagStatus.TOO_SLOW, False)
+
+
 def test_misuse_of_lags_is_refused():
     clock, a, _, b = sines(np.random.default_rng(0))
     for message, change in {
@@ -360,7 +366,7 @@ def test_misuse_of_lags_is_refused():
         "expected positive seconds .*start_lag_s=nan": {"start_lag_s": np.nan},
         "expected channels below 2 and 2": {"groups": [((0,), (2,))]},
         "expected as many channels": {"positive_gain": True, "groups": [((0,), (0, 1))]},
-        "expected 0 < low < high": {"band_hz": (20.0, 30.0)},
+        "expected 0 < low < high": {"band_hz": (30.0, 20.0)},
     }.items():
         options = {"time_a": clock, "values_a": a, "time_b": clock, "values_b": b, "search_s": 1.0, **change}
         with pytest.raises(DatasetError, match=message):

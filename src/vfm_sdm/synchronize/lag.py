@@ -44,6 +44,8 @@ class LagStatus:
     """At no lag of the search are the recordings more alike than unrelated noise is: still, or another motion."""
     TOO_SHORT = "too short"
     """No lag of the search leaves enough common samples."""
+    TOO_SLOW = "too few samples a second for the band"
+    """Sampling shows no motion of the band: pictures taken one by one, for example."""
     AT_EDGE = "peak at the edge of the search"
     """The best lag may lie outside the search."""
     NOT_CONVERGED = "not converged"
@@ -157,10 +159,10 @@ def estimate_lag(
         )
     rates = sampling_rate(time_a), sampling_rate(time_b)
     band = (band_hz[0], min(band_hz[1], _HIGHEST_SHARE * min(rates)))
-    if not 0 < band[0] < band[1]:
-        raise DatasetError(
-            f"band_hz: expected 0 < low < high, at most {band[1]:.3g} Hz here, got {band_hz}; correct it"
-        )
+    if not 0 < band_hz[0] < band_hz[1]:
+        raise DatasetError(f"band_hz: expected 0 < low < high, got {band_hz}; correct it")
+    if not band[0] < band[1]:
+        return _failed(LagStatus.TOO_SLOW)
     first = prepare_signal(time_a, values_a, rate_hz=max(rates), band_hz=band)
     second = prepare_signal(time_b, values_b, rate_hz=max(rates), band_hz=band)
     if start_std_s is not None:
@@ -180,9 +182,16 @@ def estimate_lag(
         return _failed(LagStatus.NO_MOTION, best.correlation)
     if at_edge and np.nanmax(dependence) > best.dependence:
         return _failed(LagStatus.AT_EDGE, best.correlation)
-    chosen, candidates = _choose(refined, sizes[1], start_lag_s, start_std_s)
+    return _chosen(refiner, refined, sizes[1], start_lag_s, start_std_s)
+
+
+def _chosen(
+    refiner: LagRefiner, refined: Sequence[RefinedLag], channels: int, start_s: float, start_std_s: float | None
+) -> Synchronization:
+    """The peak that stands out, with the ratio of the clock rates where it can be told."""
+    chosen, candidates = _choose(refined, channels, start_s, start_std_s)
     if chosen is None:
-        return _failed(LagStatus.NOT_UNIQUE, best.correlation, candidates)
+        return _failed(LagStatus.NOT_UNIQUE, refined[0].correlation, candidates)
     return _with_clock_rate(refiner, chosen, candidates)
 
 

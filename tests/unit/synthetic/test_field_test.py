@@ -11,7 +11,7 @@ from vfm_sdm.synthetic.field_test import demo_plan, make_demo
 from vfm_sdm.synthetic.footbridge import FootbridgeSite
 from vfm_sdm.synthetic.motion import modal_displacement
 
-FILES = {"left.mp4", "right.mp4", "session.toml", "truth.nc"}
+FILES = {"left.mp4", "right.mp4", "session.toml", "truth.nc", "cameras_true.toml"}
 SMALL = FootbridgeSite(image_size=(640, 360))
 
 
@@ -125,7 +125,8 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
     )
     for name in FILES:
         assert (first / name).read_bytes() == (again / name).read_bytes(), name
-        assert (first / name).read_bytes() != (other / name).read_bytes(), name
+        if name != "cameras_true.toml":  # cameras are where the site says, whatever the seed
+            assert (first / name).read_bytes() != (other / name).read_bytes(), name
 
 
 def test_an_earlier_demo_is_replaced_and_a_cut_short_one_is_no_session(tmp_path):
