@@ -218,8 +218,7 @@ def texture_luma(texture: Texture, size_m: tuple[float, float]) -> FloatArray:
     """
     texel = 1 / texture.texels_per_m
     n_u, n_v = (int(n) + 2 * GUARD for n in np.ceil(np.asarray(size_m) / texel))
-    shape = (n_v, n_u)
-    # Transforms of lengths with large prime factors take several times as long.
+    # Transforms of lengths with large prime factors take several times as long: the texture may be a little larger.
     n_u, n_v = next_fast_len(n_u, real=True), next_fast_len(n_v)
     f_u, f_v = np.fft.rfftfreq(n_u, texel[0]), np.fft.fftfreq(n_v, texel[1])[:, None]
     rho = np.hypot(f_u * texture.shortest_m[0], f_v * texture.shortest_m[1])
@@ -228,7 +227,7 @@ def texture_luma(texture: Texture, size_m: tuple[float, float]) -> FloatArray:
     spectrum = np.fft.rfft2(np.random.default_rng(texture.seed).standard_normal((n_v, n_u)))
     spectrum *= taper * np.maximum(rho, floor) ** -texture.slope
     spectrum[0, 0] = 0
-    noise = np.fft.irfft2(spectrum, s=(n_v, n_u))[: shape[0], : shape[1]]
+    noise = np.fft.irfft2(spectrum, s=(n_v, n_u))
     luma = texture.mean + noise * (texture.contrast / max(float(noise.std()), 1e-12))
     for mark in texture.marks:
         _draw(luma, mark, texel, np.asarray(texture.shortest_m))

@@ -30,6 +30,7 @@ _AMBIGUITY_MARGIN = 0.05
 _DISTINCT_PX = 3.0
 _RETURN_PX = 0.5
 _LEAST_BACK_PX = 13
+_AGREEMENT_PX = 1.0
 _NEIGHBOURS = 24
 _NEAR_GIVEN = 9
 _MAX_EPIPOLAR_STEP_PX = 4.0
@@ -213,20 +214,30 @@ def _find_one(
     hypotheses = _from_matches(place, level.matches)
     depths = _depth_range(level.rig, level.matches)
     hypotheses = _join(hypotheses, _from_depths(place, *level.cameras, depths))
-    if given is not None:
+    named = None if given is None else level.reduced(given)
+    if named is not None:
         # A position named by hand says where; the map of offsets is that of the places tried next to it.
-        named = level.reduced(given)
         nearest = np.argsort(np.linalg.norm(hypotheses.position - named, axis=1))[:_NEAR_GIVEN]
         hypotheses = _Hypotheses(np.tile(named, (nearest.size, 1)), hypotheses.affine[nearest])
     outcomes: list[_Outcome] = []
     whole = subset_px if level.factor == 1 else _SIZES_PX[0]
     for size in (whole, *(px for px in _SIZES_PX if px < whole)):
-        found = _at_full_size(images, level, point, _register(level.images, place, hypotheses, size), size)
-        if found[0] is not None and found[1] == OK and found[0].correlation[0] >= _CLEAR_CORRELATION:
-            return found
+        found = _at_full_size(images, level, point, _register(level.images, place, hypotheses, size, named), size)
         outcomes.append(found)
+        if found[1] == OK and _correlation(found) >= _CLEAR_CORRELATION:
+            break
     good = [one for one in outcomes if one[1] == OK]
-    return max(good, key=lambda one: -1.0 if one[0] is None else one[0].correlation[0]) if good else outcomes[0]
+    return max(_agreeing(good), key=_correlation) if good else outcomes[0]
+
+
+def _agreeing(good: list[_Outcome]) -> list[_Outcome]:
+    """Those that end where the largest square does: a smaller one finds look-alikes more easily."""
+    places = [np.full(2, np.nan) if found is None else found.position[0] for found, _, _ in good]
+    return [one for one, place in zip(good, places, strict=True) if np.linalg.norm(place - places[0]) <= _AGREEMENT_PX]
+
+
+def _correlation(outcome: _Outcome) -> float:
+    return -1.0 if outcome[0] is None else float(outcome[0].correlation[0])
 
 
 def _at_full_size(
@@ -247,7 +258,11 @@ def _at_full_size(
 
 
 def _register(
-    images: tuple[LumaArray, LumaArray], point: FloatArray, hypotheses: _Hypotheses, subset_px: int
+    images: tuple[LumaArray, LumaArray],
+    point: FloatArray,
+    hypotheses: _Hypotheses,
+    subset_px: int,
+    named: FloatArray | None,
 ) -> _Outcome:
     """As `_find_one`, in the images of a level and with squares of one size."""
     hypotheses = _inside(hypotheses, images[1], subset_px)
@@ -265,6 +280,10 @@ def _register(
     )
     correlation = np.where(np.isfinite(tried.position).all(axis=1) & tried.converged, tried.correlation, -1.0)
     best = int(np.argmax(correlation))
+    if named is not None:
+        # Of places that look alike, the one next to where the user points.
+        alike = np.flatnonzero(correlation > correlation[best] - _AMBIGUITY_MARGIN)
+        best = int(alike[np.argmin(np.linalg.norm(tried.position[alike] - named, axis=1))])
     if correlation[best] < _MIN_CORRELATION:
         return None, NOT_FOUND, float("nan")
     chosen = _take(tried, best)

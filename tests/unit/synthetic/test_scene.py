@@ -41,7 +41,8 @@ def test_texture_has_the_mean_and_contrast_asked_for():
     luma = texture_luma(texture(), SIZE_M)
     assert luma.mean() == pytest.approx(110.0, abs=1e-9)
     assert luma.std() == pytest.approx(18.0, rel=1e-9)
-    assert luma.shape == (1.5 / 0.005 + 2 * GUARD, 2.0 / 0.01 + 2 * GUARD)
+    least = (1.5 / 0.005 + 2 * GUARD, 2.0 / 0.01 + 2 * GUARD)
+    assert all(low <= size <= 1.05 * low for size, low in zip(luma.shape, least, strict=True))
 
 
 def test_texture_follows_its_seed():
