@@ -7,12 +7,12 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.arrays import BoolArray, FloatArray
-from vfm_sdm.datasets import CAMERA_AXES, STRUCTURE_AXES, Status, check_tracks, make_displacement
+from vfm_sdm.datasets import CAMERA_AXES, PIXEL, STRUCTURE_AXES, Status, check_tracks, make_displacement
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.propagation import (
+    compute_gain_covariance,
     compute_gain_sensitivity,
-    compute_gain_std,
     compute_position_covariance,
     triangulation_jacobian,
 )
@@ -68,7 +68,8 @@ def compute_displacement(
     The random part of the uncertainty is the tracks' covariance through the triangulation; it leaves out what all
     frames share, because the reference frame's noise shifts a whole series and not its motion. The systematic part is
     the gain of each axis under the covariance of cameras and axes (`compute_gain_std`); ``gain_std`` also holds the
-    leakage from motion along one axis into another.
+    leakage from motion along one axis into another, and ``gain_covariance`` what `vfm_sdm.uncertainty` needs for any
+    displacement. ``pixel_sensitivity`` is how each pixel coordinate moves the result.
     """
     check_tracks(tracks, synchronized=True)
     names = tuple(str(name) for name in tracks["view"].values)
@@ -90,16 +91,19 @@ def compute_displacement(
     # Pixels hardly move compared with the distance: one linearisation a point serves the whole recording.
     anchor = _first_valid(pixels, valid)
     jacobian = np.einsum("ai,pivk->pavk", rotation, triangulation_jacobian(anchor, rig))
+    applied = np.broadcast_to(np.eye(3), (pixels.shape[2], 3, 3))
     if refinement_gain is not None:
-        applied = np.where(np.isfinite(refinement_gain), refinement_gain, np.eye(3))
-        jacobian = np.einsum("pab,pbvk->pavk", applied, jacobian)
+        applied = np.where(np.isfinite(refinement_gain), refinement_gain, applied)
+    jacobian = np.einsum("pab,pbvk->pavk", applied, jacobian)
     random = compute_position_covariance(jacobian, tracks["position_covariance"].values)
     random_std = np.sqrt(np.einsum("tpaa->tpa", random))
 
     axes = CAMERA_AXES if frame is None else STRUCTURE_AXES
-    gain_std = np.full((pixels.shape[2], 3, 3), np.nan)
+    gain_covariance = np.full((pixels.shape[2], 3, 3, 3), np.nan)
     if covariance is not None:
-        gain_std = compute_gain_std(compute_gain_sensitivity(anchor, rig), rotation, covariance)
+        sensitivity = compute_gain_sensitivity(anchor, rig)
+        gain_covariance = compute_gain_covariance(sensitivity, rotation, covariance, refinement_gain=applied)
+    gain_std = np.sqrt(np.maximum(np.einsum("pabb->pab", gain_covariance), 0.0))
     displacement = make_displacement(
         tracks["time"].values,
         [str(p) for p in tracks["point"].values],
@@ -118,7 +122,18 @@ def compute_displacement(
         },
     )
     displacement["gain_std"] = (("point", "axis", "motion_axis"), gain_std, {"units": "1"})
-    return displacement.assign_coords(motion_axis=list(axes))
+    displacement["gain_covariance"] = (
+        ("point", "axis", "motion_axis", "motion_axis_2"),
+        gain_covariance,
+        {"units": "1"},
+    )
+    displacement["pixel_sensitivity"] = (
+        ("point", "axis", "view", "pixel"),
+        jacobian * _MM_PER_M,
+        {"units": "mm/px"},
+    )
+    coordinates = {"motion_axis": list(axes), "motion_axis_2": list(axes), "view": list(names), "pixel": list(PIXEL)}
+    return displacement.assign_coords(coordinates)
 
 
 def compute_planar_displacement(tracks: xr.Dataset, *, mm_per_px: float, scale_std: float) -> xr.Dataset:

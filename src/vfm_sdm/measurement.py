@@ -22,21 +22,23 @@ from vfm_sdm.errors import ResultsError
 from vfm_sdm.pipeline import Progress, displacement_of, open_views, solve_cameras, track_views
 from vfm_sdm.plots import save_figures
 from vfm_sdm.results import (
+    describe_clocks,
+    describe_recording,
+    describe_refinement,
+    displacement_notes,
     read_tracks,
+    recording_notes,
     summarize_displacement,
     write_displacement,
     write_summary,
     write_tracks,
 )
 from vfm_sdm.session import Session, file_hash, session_hash, write_session
-from vfm_sdm.synchronize import LagStatus
 from vfm_sdm.tracking.base import Tracker, find_tracker
 from vfm_sdm.video import Video
 
 __all__ = ["Measurement", "Run", "measure"]
 
-_CLEAN_BITS_PER_PIXEL = 1.0
-"""Above this H.264 keeps the motion to better than 1 % (docs/decisions/008-compression.md)."""
 _PACKAGES = ("vfm-sdm", "numpy", "scipy", "xarray", "av", "opencv-python-headless", "numba", "poselib")
 
 
@@ -188,7 +190,7 @@ class Run:
         summary = {
             "name": self.session.name,
             "status": cameras.status,
-            "notes": [*cameras.notes, *_recording_notes(tracks), *_displacement_notes(displacement)],
+            "notes": [*cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
             "points": {} if displacement is None else summarize_displacement(displacement),
             "frame": None if displacement is None else displacement.attrs["frame"],
             "cameras": {
@@ -196,9 +198,9 @@ class Run:
                 "quantities": [{**asdict(q), "determined": q.determined} for q in cameras.quantities],
                 "point_status": {v: dict(p) for v, p in cameras.point_status.items()},
             },
-            "recordings": {view: _recording(t) for view, t in tracks.items()},
-            "clocks": {} if displacement is None else _clocks(displacement, list(tracks)),
-            "refinement": {} if displacement is None else _refinement(displacement),
+            "recordings": {view: describe_recording(t) for view, t in tracks.items()},
+            "clocks": {} if displacement is None else describe_clocks(displacement, list(tracks)),
+            "refinement": {} if displacement is None else describe_refinement(displacement),
             "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
             "reused_stages": list(self.reused),
             "versions": versions(),
@@ -310,70 +312,3 @@ def _dig(fields: Mapping[str, Any], dotted: str) -> Any:
     for part in dotted.split("."):
         value = value[part]
     return value
-
-
-def _recording(tracks: xr.Dataset) -> dict[str, Any]:
-    attrs = tracks.attrs
-    named = {k.removeprefix("decode_"): v for k, v in attrs.items() if k.startswith("decode_")}
-    return {"width": attrs.get("image_width"), "height": attrs.get("image_height"), **named}
-
-
-def _recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
-    """What a user must know about the recordings: ended early, frames missing or repeated."""
-    notes = []
-    for view, of_view in tracks.items():
-        record = _recording(of_view)
-        if record.get("status", "ok") != "ok":
-            notes.append(f"view {view!r}: {record['status']}: {record.get('message', '')}")
-        if record.get("bits_per_pixel", np.nan) < _CLEAN_BITS_PER_PIXEL:
-            notes.append(
-                f"view {view!r}: compressed to {record['bits_per_pixel']:.2f} bits a pixel: motion may come out 1 to 2 "
-                "% too small, which is not part of the stated uncertainty (docs/decisions/008-compression.md)"
-            )
-        for what in ("dropped", "duplicated"):
-            if record.get(what, 0):
-                notes.append(f"view {view!r}: {record[what]} {what} frames of {record['frames']}")
-    return notes
-
-
-def _clocks(displacement: xr.Dataset, views: list[str]) -> dict[str, Any]:
-    """What is known of each further view's clock, by view."""
-    clocks = {}
-    for view in views[1:]:
-        if f"clock_{view}_status" in displacement.attrs:
-            offset, std, ratio = (float(value) for value in displacement.attrs[f"clock_{view}"])
-            status = displacement.attrs[f"clock_{view}_status"]
-            clocks[view] = {"status": status, "offset_s": offset, "offset_std_s": std, "rate_ratio": ratio}
-    return clocks
-
-
-def _refinement(displacement: xr.Dataset) -> dict[str, Any]:
-    """What became of each point in the refinement, by point; empty without one."""
-    if "prior_share" not in displacement:
-        return {}
-    rows = zip(
-        displacement["point"].values,
-        displacement.attrs["refinement_status"],
-        displacement.attrs["refined_view"],
-        displacement["prior_share"].values,
-        strict=True,
-    )
-    return {
-        str(point): {"status": status, "view": view or None, "prior_share": float(share)}
-        for point, status, view, share in rows
-    }
-
-
-def _displacement_notes(displacement: xr.Dataset | None) -> list[str]:
-    """Views whose offset the motion did not tell, and points that were not refined."""
-    if displacement is None:
-        return []
-    notes = [
-        f"view {name.removeprefix('clock_').removesuffix('_status')!r}: not synchronised by its motion: {status}; its "
-        "time_offset_s was taken (0 when not stated, and then all samples are marked unreliable); state it, or set "
-        'method.synchronization = "none" for cameras that start together'
-        for name, status in displacement.attrs.items()
-        if str(name).startswith("clock_") and str(name).endswith("_status") and status != LagStatus.OK
-    ]
-    refined = _refinement(displacement)
-    return notes + [f"point {p!r}: not refined: {row['status']}" for p, row in refined.items() if row["status"] != "ok"]

@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -26,6 +27,7 @@ from vfm_sdm.tracking.base import Tracker
 from vfm_sdm.tracking.correspondence import OK, find_correspondences
 from vfm_sdm.tracking.scatter import include_scatter
 from vfm_sdm.tracking.template import scale_factor
+from vfm_sdm.uncertainty import BudgetInputs, add_uncertainty
 from vfm_sdm.video import Video, open_images, open_video
 
 __all__ = [
@@ -221,19 +223,32 @@ def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution
     refinement = None
     if session.method.refinement == "sgr":
         refinement = _refine(session, aligned, solution)
-    displacement = compute_displacement(
-        aligned if refinement is None else refinement.tracks,
-        solution.rig,
+    compute = partial(
+        compute_displacement,
+        rig=solution.rig,
         frame=solution.frame,
         covariance=solution.covariance,
-        refinement_gain=None if refinement is None else refinement.gain,
         still_interval_s=session.method.still_interval_s,
+    )
+    displacement = compute(
+        aligned if refinement is None else refinement.tracks,
+        refinement_gain=None if refinement is None else refinement.gain,
         attrs={
             "camera_status": solution.status,
             "tracker": session.method.tracker,
             "cameras": session.method.cameras,
             "refinement": session.method.refinement,
         },
+    )
+    displacement = add_uncertainty(
+        displacement,
+        BudgetInputs(
+            aligned,
+            clock_std_s={view: clock.lag_std_s for view, clock in clocks.items() if clock.ok},
+            bits_per_pixel={view: float(t.attrs.get("decode_bits_per_pixel", np.inf)) for view, t in tracks.items()},
+            baseline=None if refinement is None else (compute(aligned), session.method.sgr.suppressed_axis),
+            refinement_gain=None if refinement is None else refinement.gain,
+        ),
     )
     for view, clock in clocks.items():
         displacement.attrs[f"clock_{view}"] = [clock.offset_s, clock.lag_std_s, clock.rate_ratio]

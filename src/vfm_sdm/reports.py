@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "benchmark_tables",
+    "budget_table",
     "camera_report",
     "displacement_table",
     "evaluation_table",
@@ -44,6 +45,8 @@ def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
     yield from camera_report(measurement.cameras, notes=False)
     if measurement.displacement is not None:
         yield displacement_table(measurement.displacement)
+        if "uncertainty" in measurement.displacement:
+            yield budget_table(measurement.displacement)
         if measurement.displacement.attrs["frame"] == "reference camera":
             yield Text(
                 "Axes: those of the reference camera (right, down, forward). For lateral, vertical and longitudinal "
@@ -112,6 +115,28 @@ def displacement_table(displacement: xr.Dataset) -> Table:
                 _number(values["dominant_frequency_hz"], "{:.2f}"),
                 _number(figures["coverage_valid"], "{:.0f}", 100),
             )
+    return table
+
+
+def budget_table(displacement: xr.Dataset) -> Table:
+    """Components of the uncertainty of a sample a point and axis, root mean square over time, k = 1."""
+    table = Table(
+        title=Text("Uncertainty budget in mm (k = 1, root mean square over time)"),
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    components = [str(name) for name in displacement["component"].values]
+    for name in ("point", "axis", *components, "expanded k=2"):
+        table.add_column(Text(name), justify="left" if name in ("point", "axis") else "right", no_wrap=name == "axis")
+    for point, figures in summarize_displacement(displacement).items():
+        for number, (axis, values) in enumerate(figures["axes"].items()):
+            budget = values["budget_mm"] or {}
+            parts = [budget.get(name) for name in components]
+            known = [part for part in parts if part is not None]
+            expanded = 2 * float(np.sqrt(np.sum(np.square(known)))) if len(known) == len(components) else None
+            cells = [_number(part, "{:.3f}") for part in (*parts, expanded)]
+            table.add_row(point if number == 0 else "", axis, *cells)
     return table
 
 

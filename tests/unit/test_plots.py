@@ -89,6 +89,24 @@ def test_displacement_with_band_and_marks():
     assert axes.get_title(loc="right") == "scale ± 4 % (k = 2)"
 
 
+def test_the_band_is_the_expanded_uncertainty_where_there_is_one():
+    data = make_example()
+    assert band_of(plot_displacement(data, point="1/2 span", axis="vertical")) == ("± 2 std (random)", 0.5)
+    expanded = np.full(data["displacement"].shape, 0.8)
+    expanded[..., 1] = 1.7
+    data["expanded_uncertainty"] = (("time", "point", "axis"), expanded, {"units": "mm"})
+    assert band_of(plot_displacement(data, point="1/2 span", axis="vertical")) == ("expanded uncertainty (k = 2)", 1.7)
+
+
+def band_of(axes):
+    """Label of the band, and its half width at time 0, where the displacement is 0."""
+    band = axes.collections[0]
+    edges = {round(float(y), 9) for x, y in band.get_paths()[0].vertices if x == 0}
+    assert len(edges) == 2
+    assert sum(edges) == 0
+    return band.get_label(), max(edges)
+
+
 def test_unknown_scale_is_said():
     data = make_example()
     data["scale_std"][:] = np.nan

@@ -464,6 +464,51 @@ def test_the_uncertainty_is_that_of_the_extreme_frames():
     assert summarize_displacement(data)["mid"]["axes"]["vertical"]["expanded_uncertainty_mm"] == pytest.approx(10.0)
 
 
+def with_budget(data: xr.Dataset, **parts: list[float]) -> xr.Dataset:
+    """The dataset with a budget along the vertical axis, and nothing along the others."""
+    budget = np.zeros((len(parts), *data["displacement"].shape))
+    budget[..., 0, 1] = list(parts.values())
+    return data.assign(uncertainty=(("component", "time", "point", "axis"), budget, {"units": "mm"})).assign_coords(
+        component=list(parts)
+    )
+
+
+def test_uncertainty_of_the_peak_to_peak_from_the_budget():
+    known = make_known(np.array([0.0, 5.0, 2.0, -4.0, 9.0]), scale_std=0.5)
+    known["status"].values[4, 0] = UNRELIABLE
+    data = with_budget(
+        known,
+        random=[7.0, 0.3, 7.0, 0.4, 99.0],
+        cameras=[0.0, 0.5, 0.2, 0.4, 99.0],
+        synchronization=[1.0, 0.1, 2.0, 0.2, 99.0],
+        assumption=[0.6, 0.6, 0.6, 0.6, 99.0],
+        compression=[0.0, 0.05, 0.02, 0.04, 99.0],
+    )
+    vertical = summarize_displacement(data)["mid"]["axes"]["vertical"]
+    # Frames 1 and 3. Gains of cameras and codec stretch the whole span; the rest is independent at the two.
+    variance = 0.3**2 + 0.4**2 + 0.9**2 + 0.1**2 + 0.2**2 + 2 * 0.6**2 + 0.09**2
+    assert vertical["expanded_uncertainty_mm"] == pytest.approx(2 * np.sqrt(variance))
+    assert vertical["budget_mm"] == pytest.approx(
+        {
+            "random": np.sqrt((49 + 0.09 + 49 + 0.16) / 4),
+            "cameras": np.sqrt((0.25 + 0.04 + 0.16) / 4),
+            "synchronization": np.sqrt((1 + 0.01 + 4 + 0.04) / 4),
+            "assumption": 0.6,
+            "compression": np.sqrt((0.0025 + 0.0004 + 0.0016) / 4),
+        }
+    )
+    lateral = summarize_displacement(data)["mid"]["axes"]["lateral"]
+    assert set(lateral["budget_mm"].values()) == {0.0}
+
+
+def test_a_component_that_is_not_known_is_none_and_so_is_the_whole():
+    data = with_budget(make_known(np.array([0.0, 1.0])), random=[0.1, 0.1], cameras=[np.nan, np.nan])
+    vertical = summarize_displacement(data)["mid"]["axes"]["vertical"]
+    assert vertical["budget_mm"] == {"random": pytest.approx(0.1), "cameras": None}
+    assert vertical["expanded_uncertainty_mm"] is None
+    assert vertical["peak_to_peak_mm"] == 1.0
+
+
 def test_what_is_not_known_is_none():
     data = make_known(np.full(5, np.nan))
     data["status"][:] = LOST
@@ -475,6 +520,7 @@ def test_what_is_not_known_is_none():
         "random_std_mm": None,
         "scale_std": 0.02,
         "expanded_uncertainty_mm": None,
+        "budget_mm": None,
         "dominant_frequency_hz": None,
     }
     unknown = make_known(np.array([0.0, 1.0]), std=np.nan, scale_std=np.nan)

@@ -87,8 +87,9 @@ def evaluate(
     The zero of a sensor's displacement is arbitrary, so the mean difference is removed; that of another displacement
     dataset is taken to be the measurement's, and nothing is removed.
 
-    Unfiltered, ``coverage`` is that of the interval of plus or minus twice ``sqrt(std^2 + (scale_std d)^2)``, random
-    and systematic part together; nominally 95 %. In a band nothing was stated, and it is NaN.
+    Unfiltered, ``coverage`` is that of the expanded uncertainty (`vfm_sdm.uncertainty`), or, in datasets without one,
+    of plus or minus twice ``sqrt(std^2 + (scale_std d)^2)``, random and systematic part together; nominally 95 %. In a
+    band nothing was stated, and it is NaN.
 
     ``lag_s`` is what is left after alignment, for the series alone: with e the estimate and r the reference,
     ``e = c + a r + b r'`` by least squares and ``lag = -b / a``, because ``a r(t - lag)`` is ``a r - a lag r'`` for a
@@ -175,6 +176,8 @@ def _row(comparison: _Comparison, point: str, place: str, axis: str, notes: list
     std: FloatArray | None = np.hypot(
         measured["displacement_std"].values, float(measured["scale_std"]) * np.abs(values)
     )
+    if "combined_std" in measured:
+        std = measured["combined_std"].values
     if not np.isfinite(comparison.clock_s).all():
         return _empty_row(point, axis, comparison)
     if comparison.band_hz is None:

@@ -7,7 +7,13 @@ from vfm_sdm.arrays import FloatArray, as_float_array
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.triangulation import triangulate
 
-__all__ = ["compute_gain_sensitivity", "compute_gain_std", "compute_position_covariance", "triangulation_jacobian"]
+__all__ = [
+    "compute_gain_covariance",
+    "compute_gain_sensitivity",
+    "compute_gain_std",
+    "compute_position_covariance",
+    "triangulation_jacobian",
+]
 
 _PIXEL_STEP = 0.5
 # Steps of the camera parameters: large enough to stand clear of rounding, small enough to stay linear.
@@ -88,8 +94,10 @@ def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
     return sensitivity
 
 
-def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Standard deviation of the gain from motion along one axis to measured displacement along another.
+def compute_gain_covariance(
+    sensitivity: FloatArray, rotation: FloatArray, covariance: FloatArray, *, refinement_gain: FloatArray | None = None
+) -> FloatArray:
+    """Covariance of the gains from motion along the axes to measured displacement along each axis.
 
     Parameters
     ----------
@@ -99,12 +107,14 @@ def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: 
         ``structure_from_cam1`` or the identity, shape (3, 3): the axes of the result.
     covariance
         Shape (10 V + 3, 10 V + 3): camera parameters, then a small rotation vector of the axes [rad].
+    refinement_gain
+        Refined displacement from displacement as the images alone give it, shape (P, 3, 3) [1].
 
     Returns
     -------
-    gain_std
-        Shape (P, 3, 3) [1]: element (a, b) is the relative error of axis ``a`` from motion along axis ``b``; the
-        diagonal is the standard deviation of the scale of each axis, the rest is leakage between axes.
+    gain_covariance
+        Shape (P, 3, 3, 3) [1]: element (a, b, c) is the covariance of the relative errors of axis ``a`` from motions
+        along axes ``b`` and ``c``. A displacement d has the variance ``d' C_a d`` along axis a.
     """
     turned = np.einsum("ai,pnij,bj->pnab", rotation, sensitivity, rotation)
     # An error w of the rotation structure_from_cam1 turns a displacement d into d + w x d.
@@ -112,7 +122,26 @@ def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: 
     for axis, (row, column) in enumerate(((1, 2), (2, 0), (0, 1))):
         generators[axis, row, column], generators[axis, column, row] = -1.0, 1.0
     everything = np.concatenate([turned, np.broadcast_to(generators, (len(turned), 3, 3, 3))], axis=1)
-    variance = np.einsum("pnab,nm,pmab->pab", everything, covariance, everything, optimize=True)
+    if refinement_gain is not None:
+        everything = np.einsum("pax,pnxb->pnab", refinement_gain, everything)
+    return np.asarray(np.einsum("pnab,nm,pmac->pabc", everything, covariance, everything, optimize=True))
+
+
+def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Standard deviation of the gain from motion along one axis to measured displacement along another.
+
+    Parameters
+    ----------
+    sensitivity, rotation, covariance
+        See `compute_gain_covariance`.
+
+    Returns
+    -------
+    gain_std
+        Shape (P, 3, 3) [1]: element (a, b) is the relative error of axis ``a`` from motion along axis ``b``; the
+        diagonal is the standard deviation of the scale of each axis, the rest is leakage between axes.
+    """
+    variance = np.einsum("pabb->pab", compute_gain_covariance(sensitivity, rotation, covariance))
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 

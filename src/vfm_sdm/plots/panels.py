@@ -92,9 +92,12 @@ def plot_displacement(
     axes = _axes_or_new(ax)
     time_s, status = series["time"].values, series["status"].values
     values, half_band = series["displacement"].values, 2 * series["displacement_std"].values
+    label = "± 2 std (random)"
+    if "expanded_uncertainty" in series:
+        half_band, label = series["expanded_uncertainty"].values, "expanded uncertainty (k = 2)"
     colour = _AXIS_COLOURS[_names(displacement, "axis").index(names["axis"]) % len(_AXIS_COLOURS)]
     band = _envelope(time_s, values - half_band, values + half_band)
-    axes.fill_between(*band, color=colour, alpha=0.25, linewidth=0, label="± 2 std (random)")
+    axes.fill_between(*band, color=colour, alpha=0.25, linewidth=0, label=label)
     axes.plot(*_line(time_s, values), color=colour, linewidth=1.0)
     _mark_status(axes, time_s, values[:, None], status)
     scale_std = float(series["scale_std"])

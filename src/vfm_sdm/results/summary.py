@@ -19,6 +19,8 @@ from vfm_sdm.files import replace_file
 __all__ = ["dominant_frequency", "read_summary", "summarize_displacement", "write_summary"]
 
 _COVERAGE_FACTOR = 2.0
+_PROPORTIONAL = ("cameras", "compression")
+"""Components of the budget that are proportional to the motion."""
 _SHORTEST_S = 2.0
 _FEWEST_CYCLES = 4.0
 """With fewer, the window blurs a line over all its neighbours and nothing is left to tell it from noise."""
@@ -104,15 +106,16 @@ def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
     summary
         By point name: ``coverage_valid`` (share of frames with status ok [1]), ``status_counts`` (frames by status)
         and ``axes``, by axis name: ``peak_to_peak_mm``, ``rms_mm`` (about the zero of the displacement),
-        ``random_std_mm`` (median), ``scale_std`` [1], ``expanded_uncertainty_mm`` (of the peak-to-peak, k = 2) and
+        ``random_std_mm`` (median), ``scale_std`` [1], ``expanded_uncertainty_mm`` (of the peak-to-peak, k = 2),
+        ``budget_mm`` (root mean square over time of each component of the uncertainty of a sample, k = 1) and
         ``dominant_frequency_hz``. Only frames with status ok count; None where these do not tell.
 
     Notes
     -----
-    The peak-to-peak is ``x_a - x_b`` with the extremes at frames a and b, and its expanded uncertainty
-    ``U = 2 sqrt(s_a^2 + s_b^2 + (s_scale (x_a - x_b))^2)``: the random parts of both frames, taken as independent, and
-    the systematic part, which is proportional to the motion. The tendency of extremes of noise to lie apart is not in
-    it: of motion within the noise, the peak-to-peak shows the noise.
+    The peak-to-peak is ``x_a - x_b`` with the extremes at frames a and b. Components of the uncertainty that are
+    proportional to the motion add up over the two, the others are taken as independent. Where a dataset holds no
+    budget, ``U = 2 sqrt(s_a^2 + s_b^2 + (s_scale (x_a - x_b))^2)`` from its random part and scale. The tendency of
+    extremes of noise to lie apart is not in it: of motion within the noise, the peak-to-peak shows the noise.
     """
     data = check_displacement(displacement)
     time_s = data["time"].values
@@ -129,17 +132,18 @@ def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
     return summary
 
 
-def _axis_figures(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict[str, float | None]:
+def _axis_figures(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict[str, Any]:
     values = np.where(ok, series["displacement"].values, np.nan)
     std = series["displacement_std"].values
     scale_std = float(series["scale_std"])
     found = np.isfinite(values)
-    figures: dict[str, float | None] = {
+    figures: dict[str, Any] = {
         "peak_to_peak_mm": None,
         "rms_mm": None,
         "random_std_mm": None,
         "scale_std": _or_none(scale_std),
         "expanded_uncertainty_mm": None,
+        "budget_mm": None,
         "dominant_frequency_hz": None,
     }
     if not found.any():
@@ -150,9 +154,16 @@ def _axis_figures(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict
     figures["peak_to_peak_mm"] = span
     figures["rms_mm"] = float(np.sqrt(np.mean(values[found] ** 2)))
     figures["random_std_mm"] = float(np.median(known_std)) if known_std.size else None
-    figures["expanded_uncertainty_mm"] = _or_none(
-        _COVERAGE_FACTOR * float(np.sqrt(std[top] ** 2 + std[bottom] ** 2 + (scale_std * span) ** 2))
-    )
+    variance = std[top] ** 2 + std[bottom] ** 2 + (scale_std * span) ** 2
+    if "uncertainty" in series:
+        budget = {str(name): series["uncertainty"].sel(component=name).values for name in series["component"].values}
+        figures["budget_mm"] = {name: _or_none(float(np.sqrt(np.mean(u[found] ** 2)))) for name, u in budget.items()}
+        # What grows with the motion has opposite signs at the extremes, and errs alike.
+        variance = sum(
+            (u[top] + u[bottom]) ** 2 if name in _PROPORTIONAL else u[top] ** 2 + u[bottom] ** 2
+            for name, u in budget.items()
+        )
+    figures["expanded_uncertainty_mm"] = _or_none(_COVERAGE_FACTOR * float(np.sqrt(variance)))
     figures["dominant_frequency_hz"] = dominant_frequency(time_s, values)
     return figures
 

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from simulation import gain_error, project_all, simple_rig
 from vfm_sdm.geometry.propagation import (
+    compute_gain_covariance,
     compute_gain_sensitivity,
     compute_gain_std,
     compute_position_covariance,
@@ -68,3 +69,40 @@ def test_no_uncertainty_in_none_out():
     rig = simple_rig()
     sensitivity = compute_gain_sensitivity(project_all(rig, POINT[None]), rig)
     assert compute_gain_std(sensitivity, np.eye(3), np.zeros((23, 23))) == pytest.approx(0)
+
+
+def test_covariance_of_gains_is_that_of_a_displacement_in_any_direction():
+    rig = simple_rig()
+    u = project_all(rig, POINT[None])
+    std = np.tile([0.01, 5.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 2)
+    std[14:20] = [1e-3] * 3 + [0.02] * 3
+    everything = np.diag(np.concatenate([std, [0.004, 0.003, 0.005]]) ** 2)
+    # Both focal lengths err together in part, as an adjustment leaves them.
+    everything[0, 10] = everything[10, 0] = 0.6 * 0.01**2
+    rotation = Rotation.from_euler("yx", [0.4, 0.05]).as_matrix()
+    refinement = np.array([[[1.0, 0.0, 0.3], [0.0, 1.0, 0.05], [0.0, 0.0, 0.2]]])
+    motion = np.array([3e-3, -5e-3, 1e-3])
+    ends = project_all(rig, np.stack([POINT, POINT + motion @ rotation]))
+    rng = np.random.default_rng(2)
+    errors = []
+    for step in rng.multivariate_normal(np.zeros(23), everything, 800):
+        start, end = triangulate(ends, rig.perturbed(step[:20]))
+        turned = Rotation.from_rotvec(step[20:]).as_matrix() @ rotation @ (end - start)
+        errors.append(refinement[0] @ (turned - motion))
+    sensitivity = compute_gain_sensitivity(u, rig)
+    gains = compute_gain_covariance(sensitivity, rotation, everything, refinement_gain=refinement)
+    assert gains.shape == (1, 3, 3, 3)
+    np.testing.assert_allclose(gains, gains.swapaxes(2, 3), rtol=1e-9, atol=1e-15)
+    stated = np.sqrt(np.einsum("b,abc,c->a", motion, gains[0], motion))
+    np.testing.assert_allclose(stated, np.std(errors, axis=0), rtol=0.08)
+
+
+def test_std_of_gains_is_the_diagonal_of_their_covariance():
+    rig = simple_rig()
+    sensitivity = compute_gain_sensitivity(project_all(rig, POINT[None]), rig)
+    covariance = np.diag(np.linspace(1e-4, 5e-4, 23) ** 2)
+    gains = compute_gain_covariance(sensitivity, np.eye(3), covariance)
+    stated = compute_gain_std(sensitivity, np.eye(3), covariance)
+    np.testing.assert_allclose(stated[0] ** 2, np.einsum("abb->ab", gains[0]), rtol=1e-9)
+    same = compute_gain_covariance(sensitivity, np.eye(3), covariance, refinement_gain=np.eye(3)[None])
+    np.testing.assert_allclose(same, gains, rtol=1e-9, atol=1e-20)
