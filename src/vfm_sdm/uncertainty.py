@@ -34,7 +34,8 @@ class BudgetInputs:
     tracks
         The synchronised tracks, before any refinement, with a dim ``view``.
     clock_std_s
-        Standard deviation of each view's offset by view name [s]; views that are not named have none.
+        Standard deviation of each view's offset by view name [s]; NaN where it is not known; views that are not named
+        have none.
     bits_per_pixel
         Size of each view's recording by view name; views that are not named count as not compressed.
     baseline
@@ -134,7 +135,7 @@ def _of_clocks(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mappin
     variance = np.zeros(displacement["displacement"].shape)
     for number, view in enumerate(tracks["view"].values):
         tau = clock_std_s.get(str(view), 0.0)
-        if tau > 0:
+        if tau != 0:
             velocity = _velocity(tracks["position"].values[number], tracks["time"].values)
             shift = np.einsum("pak,tpk->tpa", displacement["pixel_sensitivity"].values[:, :, number], velocity)
             variance += (tau * np.nan_to_num(shift)) ** 2

@@ -198,6 +198,12 @@ def test_a_gap_hides_no_error_of_the_clock():
     np.testing.assert_allclose(stated[found, 0], whole[found, 0], atol=0.15 * whole.max())
 
 
+def test_an_unknown_clock_leaves_the_whole_unknown():
+    tracks = tracks_of(pixels())
+    budget = add_uncertainty(measured(tracks), BudgetInputs(tracks, {"right": np.nan}))
+    assert np.isnan(budget["combined_std"].values).all()
+
+
 def test_two_frames_have_no_velocity():
     tracks = tracks_of(pixels()).isel(time=[0, 100])
     budget = add_uncertainty(measured(tracks), BudgetInputs(tracks, {"right": 5e-4}))
@@ -219,7 +225,6 @@ def test_assumption_covers_true_motion_along_the_suppressed_axis():
     change[..., 2] -= truth[:, None, 2]
     actual = np.sqrt(np.mean(change**2, axis=0))
     assert (actual[:, 0] > 0.02).all()
-    print(stated[0] / actual, actual, stated[0])
     for axis in (0, 2):
         ratio = stated[0, :, axis] / actual[:, axis]
         assert (ratio > 0.7).all()
@@ -290,7 +295,7 @@ def test_samples_lie_within_the_expanded_uncertainty():
     rng = np.random.default_rng(7)
     within: dict[str, list[float]] = {"plain": [], "refined": []}
     time_s = CLOCK[:180]
-    for _ in range(40):
+    for number in range(40):
         tau = rng.uniform(1e-4, 1e-3)
         scale = rng.uniform(0.1, 2.0)
         amplitude = (3 * scale, 6 * scale, 0.02 * scale)
@@ -300,11 +305,11 @@ def test_samples_lie_within_the_expanded_uncertainty():
         rig, frame = wrong_site(rng)
         truth = motion_mm(time_s, amplitude)[:, None]
         before = measured(tracks, rig, frame)
-        plain = add_uncertainty(before, BudgetInputs(tracks, {"right": tau}))
-        after = refined(before, tracks, rig, frame, clock_std_s={"right": tau})
-        for name, result in (("plain", plain), ("refined", after)):
+        results = {"plain": add_uncertainty(before, BudgetInputs(tracks, {"right": tau}))}
+        if number % 2:
+            results["refined"] = refined(before, tracks, rig, frame, clock_std_s={"right": tau})
+        for name, result in results.items():
             error = np.abs(result["displacement"].values - truth)[..., :2]
             within[name].append(float((error <= result["expanded_uncertainty"].values[..., :2]).mean()))
-    print({k: (np.mean(v), np.sort(v)[:6]) for k, v in within.items()})
     assert 0.90 <= np.mean(within["plain"]) <= 0.99
     assert np.mean(within["refined"]) >= 0.90

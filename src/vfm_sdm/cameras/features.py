@@ -14,6 +14,7 @@ _LONG_SIDE_PX = 1500
 """Images with a longer side are reduced to it: finer features cost time and add nothing to the geometry."""
 _FEATURES = 4000
 _RATIO = 0.85
+_CUT_PER_CENT, _SAMPLES = 0.5, 400
 
 
 def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, FloatArray]:
@@ -52,11 +53,15 @@ def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, Flo
 
 
 def to_eight_bit(luma: LumaArray) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """The image stretched to 8 bit for feature detection; grey values are not comparable between images."""
-    if luma.dtype == np.uint8:
-        return np.ascontiguousarray(luma, dtype=np.uint8)
-    low, high = float(luma.min()), float(luma.max())
-    return np.asarray(np.round((luma.astype(np.float32) - low) * (255.0 / max(high - low, 1.0))), dtype=np.uint8)
+    """The image stretched to 8 bit for feature detection; grey values are not comparable between images.
+
+    The stretch leaves out the darkest and brightest half per cent: a dark or hazy view has features too, of a contrast
+    below what detectors take for noise.
+    """
+    every = max(1, min(luma.shape) // _SAMPLES)
+    low, high = np.percentile(luma[::every, ::every], [_CUT_PER_CENT, 100 - _CUT_PER_CENT])
+    stretched = (luma.astype(np.float32) - np.float32(low)) * np.float32(255.0 / max(high - low, 1.0))
+    return np.asarray(np.round(np.clip(stretched, 0, 255)), dtype=np.uint8)
 
 
 def _detect(luma: LumaArray) -> tuple[FloatArray, np.ndarray[tuple[int, int], np.dtype[np.float32]]]:

@@ -36,14 +36,16 @@ _NEAR_GIVEN = 9
 _MAX_EPIPOLAR_STEP_PX = 4.0
 """Distance between tried depths along the epipolar line: inside the reach of the sub-pixel registration."""
 _MAX_HYPOTHESES = 400
-_FIRST_ITERATIONS = 10
-"""Places from which the registration has not converged by then are not where the point is."""
+_FIRST_ITERATIONS, _LAST_ITERATIONS = 8, 40
+_KEPT_STARTS = 24
+"""Places that are carried on after the first iterations: those that resemble the point most."""
 _TILTS = np.radians([0.0, -50.0, 50.0, -70.0, 70.0])
 _SIZES_PX = (41, 31, 21)
 """Sides tried, in pixels of the level, where a larger square holds what one view hides from the other, as stiffeners
 hide parts of a girder."""
 _CLEAR_CORRELATION = 0.95
-_REDUCTIONS = (1, 2, 4)
+_SURE_CORRELATION, _COARSE_RETURN_PX = 0.9, 1.5
+_REDUCTIONS = (2, 4)
 """Further reductions of both images where a point is not found: in a small picture a sharp view resembles one that is
 out of focus."""
 _WANDER_PX = 1.5
@@ -140,12 +142,13 @@ def find_correspondences(
         )
     least = max(1, round(subset_px / _SIZES_PX[0]))
     results: list[_Outcome] = [(None, NOT_FOUND, float("nan"))] * len(points)
-    for reduction in _REDUCTIONS:
-        level = _reduced(images, rig, matches, least * reduction)
+    for factor in dict.fromkeys((least, max(1, least - 1), *(least * more for more in _REDUCTIONS))):
+        level = _reduced(images, rig, matches, factor)
         for index, point in enumerate(points):
-            if results[index][1] == NOT_FOUND:
-                named = (given or {}).get(index)
-                results[index] = _find_one(images, level, point, subset_px=subset_px, given=named)
+            if results[index][1] in (NOT_FOUND, NOT_RETURNED):
+                found = _find_one(images, level, point, subset_px=subset_px, given=(given or {}).get(index))
+                if found[1] == OK or results[index][0] is None:
+                    results[index] = found
     status = tuple(outcome[1] for outcome in results)
     position = np.full((len(points), 2), np.nan)
     covariance = np.full((len(points), 2, 2), np.nan)
@@ -253,8 +256,12 @@ def _at_full_size(
     fine = register_subset(images[0], images[1], point[None], start, registration.affine, subset_px=odd)
     near = np.linalg.norm(fine.position[0] - start[0]) <= _WANDER_PX * level.factor
     agreed = bool(fine.converged[0]) and fine.correlation[0] >= _MIN_CORRELATION and near
-    # Where one view is out of focus, the sharp one does not resemble it at full size; the coarse place stands.
-    return fine if agreed else coarse, status, level.factor * miss
+    if agreed:
+        return fine, status, level.factor * miss
+    # Where one view is out of focus, the sharp one does not resemble it at full size. A place that only the reduced
+    # images show stands if they leave little doubt: it must return to less than a few pixels, and resemble it well.
+    sure = coarse.correlation[0] >= _SURE_CORRELATION and level.factor * miss <= _COARSE_RETURN_PX
+    return coarse, status if sure or status != OK else NOT_FOUND, level.factor * miss
 
 
 def _register(
@@ -268,16 +275,7 @@ def _register(
     hypotheses = _inside(hypotheses, images[1], subset_px)
     if not len(hypotheses.position):
         return None, NOT_FOUND, float("nan")
-    count = len(hypotheses.position)
-    tried = register_subset(
-        images[0],
-        images[1],
-        np.broadcast_to(point, (count, 2)),
-        hypotheses.position,
-        hypotheses.affine,
-        subset_px=subset_px,
-        max_iterations=_FIRST_ITERATIONS,
-    )
+    tried = _best_starts(images, point, hypotheses, subset_px)
     correlation = np.where(np.isfinite(tried.position).all(axis=1) & tried.converged, tried.correlation, -1.0)
     best = int(np.argmax(correlation))
     if named is not None:
@@ -298,6 +296,23 @@ def _register(
     )
     miss = float(np.linalg.norm(back.position[0] - point))
     return chosen, OK if back.converged[0] and miss <= _RETURN_PX else NOT_RETURNED, miss
+
+
+def _best_starts(
+    images: tuple[LumaArray, LumaArray], point: FloatArray, hypotheses: _Hypotheses, subset_px: int
+) -> Registration:
+    """Registrations from the starts that resemble the point most after a few steps."""
+
+    def register(chosen: _Hypotheses, iterations: int) -> Registration:
+        places = np.broadcast_to(point, (len(chosen.position), 2))
+        return register_subset(
+            *images, places, chosen.position, chosen.affine, subset_px=subset_px, max_iterations=iterations
+        )
+
+    resemblance = np.nan_to_num(register(hypotheses, _FIRST_ITERATIONS).correlation, nan=-1.0)
+    kept = np.argsort(-resemblance, kind="stable")[:_KEPT_STARTS]
+    # On soft or noisy textures the steps are short, and the first ones do not end.
+    return register(_Hypotheses(hypotheses.position[kept], hypotheses.affine[kept]), _LAST_ITERATIONS)
 
 
 def _from_matches(point: FloatArray, matches: Matches) -> _Hypotheses:
