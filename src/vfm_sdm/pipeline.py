@@ -168,11 +168,15 @@ def track_views(
         known = np.asarray(np.isfinite(positions).all(axis=1))
         count = video.info.frame_count
         step = None if progress is None else lambda done, v=view, n=count: progress(f"tracking {v}", done, n)
-        found = tracker.track(
-            video, positions[known], names=[n for n, k in zip(names, known, strict=True) if k], progress=step
-        )
+        if known.any():
+            found = tracker.track(
+                video, positions[known], names=[n for n, k in zip(names, known, strict=True) if k], progress=step
+            )
+        else:
+            found = _lost_tracks(np.array([frame.time_s for frame in video.frames()]), names)
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
-        tracks[view] = include_scatter(found if known.all() else _with_lost_points(found, names))
+        whole = known.all() or not known.any()
+        tracks[view] = include_scatter(found if whole else _with_lost_points(found, names))
     return tracks
 
 
@@ -376,16 +380,17 @@ def _pair(matches: tuple[Matches, ...], first: int, second: int) -> Matches:
     return Matches(first, second, np.empty((0, 2)), np.empty((0, 2)))
 
 
+def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:
+    """Tracks of points none of which has a position."""
+    shape = (len(time_s), len(names))
+    nothing = np.full((*shape, 2), np.nan), np.full((*shape, 2, 2), np.nan)
+    return make_tracks(time_s, names, *nothing, np.full(shape, Status.LOST), attrs={})
+
+
 def _with_lost_points(tracks: xr.Dataset, names: list[str]) -> xr.Dataset:
     """The tracks with rows of NaN and status lost for the points that were not tracked, in the order of ``names``."""
-    full = make_tracks(
-        tracks["time"].values,
-        names,
-        np.full((tracks.sizes["time"], len(names), 2), np.nan),
-        np.full((tracks.sizes["time"], len(names), 2, 2), np.nan),
-        np.full((tracks.sizes["time"], len(names)), Status.LOST),
-        attrs=tracks.attrs,
-    )
+    full = _lost_tracks(tracks["time"].values, names)
+    full.attrs.update(tracks.attrs)
     rows = [names.index(str(p)) for p in tracks["point"].values]
     for name in ("position", "position_covariance", "status"):
         full[name].values[:, rows] = tracks[name].values

@@ -16,9 +16,10 @@ from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError, 
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
 from vfm_sdm.measurement import measure
-from vfm_sdm.pipeline import displacement_of, synchronize_tracks
+from vfm_sdm.pipeline import displacement_of, open_views, synchronize_tracks, track_views
 from vfm_sdm.results import read_displacement, read_tracks
 from vfm_sdm.session import Session, read_session, write_session
+from vfm_sdm.tracking.icgn import IcgnTracker
 
 TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])
 
@@ -153,6 +154,17 @@ def test_a_point_without_texture_is_missing_with_its_reason(recording):
     assert np.isnan(result.displacement["displacement"].sel(point="a").values).all()
     assert np.isfinite(result.displacement["displacement"].sel(point="c").values).all()
     assert any("point 'a', view 'right'" in note for note in result.summary["notes"])
+
+
+def test_a_view_in_which_no_point_is_found_has_lost_tracks_on_its_clock(recorded):
+    session = read_session(recorded)
+    videos = open_views(session)
+    points = {view: {"a": (np.nan, np.nan), "b": (np.nan, np.nan)} for view in videos}
+    tracks = track_views(videos, points, IcgnTracker())
+    for view, of_view in tracks.items():
+        np.testing.assert_array_equal(of_view["time"], [frame.time_s for frame in videos[view].frames()])
+        assert np.all(of_view["status"].values == Status.LOST)
+        assert np.isnan(of_view["position"].values).all()
 
 
 def test_a_second_recording_that_starts_late_is_put_on_the_first_clock(recording):
