@@ -248,9 +248,11 @@ def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution
         displacement,
         BudgetInputs(
             aligned,
-            clock_std_s={view: clock.lag_std_s for view, clock in clocks.items() if clock.ok},
+            clock_std_s={view.name: _clock_std(session, view, clocks) for view in session.view[1:]},
             bits_per_pixel={view: float(t.attrs.get("decode_bits_per_pixel", np.inf)) for view, t in tracks.items()},
-            baseline=None if refinement is None else (compute(aligned), session.method.sgr.suppressed_axis),
+            baseline=None
+            if refinement is None
+            else (compute(aligned, covariance=None), session.method.sgr.suppressed_axis),
             refinement_gain=None if refinement is None else refinement.gain,
         ),
     )
@@ -284,6 +286,15 @@ def _refine(session: Session, aligned: xr.Dataset, solution: CameraSolution) -> 
 def _clock_unknown(session: Session, view: View, clocks: Mapping[str, Synchronization]) -> bool:
     """Whether neither the motion nor the session tells a view's offset: its displacement is not to be trusted."""
     return view.name in clocks and not clocks[view.name].ok and _stated_offset(session, view) is None
+
+
+def _clock_std(session: Session, view: View, clocks: Mapping[str, Synchronization]) -> float:
+    """Standard deviation of a view's offset [s]: of the motion's, else as stated; NaN where nobody knows it."""
+    if view.name in clocks and clocks[view.name].ok:
+        return clocks[view.name].lag_std_s
+    if view.time_offset_std_s is not None:
+        return view.time_offset_std_s
+    return float("nan") if _clock_unknown(session, view, clocks) else 0.0
 
 
 def _stated_offset(session: Session, view: View) -> float | None:

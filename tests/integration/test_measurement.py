@@ -305,11 +305,23 @@ class TestClocks:
         displacement = displacement_of(make_session(method=method, **stated), tracks, solution)
         assert largest_error_mm(displacement) < 1.0
 
+    def test_the_stated_accuracy_of_an_offset_is_in_the_budget(self):
+        tracks, solution = make_recordings()
+        method = {"synchronization": "none"}
+        exact, vague = (
+            displacement_of(make_session(method=method, time_offset_s=LATE_S, **std), tracks, solution)
+            for std in ({}, {"time_offset_std_s": 0.01})
+        )
+        parts = [d["uncertainty"].sel(component="synchronization").values for d in (exact, vague)]
+        assert np.all(parts[0] == 0)
+        assert parts[1].max() > 0.01
+
     def test_an_offset_that_nobody_knows_makes_samples_unreliable(self):
         tracks, solution = make_recordings(moving=False)
         unknown = displacement_of(make_session(), tracks, solution)
         assert unknown.attrs["clock_right_status"] == "no common motion"
         assert (unknown["status"].values == Status.UNRELIABLE).all()
+        assert np.isnan(unknown["uncertainty"].sel(component="synchronization")).all()
         stated = displacement_of(make_session(time_offset_s=LATE_S), tracks, solution)
         assert stated.attrs["clock_right_status"] == "no common motion"
         assert (stated["status"].values == Status.OK).all()

@@ -96,7 +96,9 @@ def _assumption_notes(displacement: xr.Dataset) -> list[str]:
     """Refined points and axes whose uncertainty is mostly that of the assumption, not of the images."""
     if "prior_share" not in displacement or "uncertainty" not in displacement:
         return []
-    rms = np.sqrt(np.nanmean(displacement["uncertainty"].values ** 2, axis=1))
+    squares = displacement["uncertainty"].values ** 2
+    known = np.isfinite(squares)
+    rms = np.sqrt(np.where(known, squares, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1))
     random, assumption = (rms[list(COMPONENTS).index(name)] for name in ("random", "assumption"))
     names = [str(name) for name in displacement["point"].values]
     points = {
