@@ -15,7 +15,7 @@ from scipy import signal
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.arrays import FloatArray, unbroken_runs
 from vfm_sdm.datasets import check_acceleration, make_reference
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.filters import band_pass, hampel, shortest_band_pass_s
@@ -207,9 +207,7 @@ def detect_onset(acceleration: FloatArray, rate_hz: float, settings: RecipeSetti
     rolling = sliding_window_view(magnitude, window).std(axis=-1)
     level = float(rolling[: quiet - window + 1].min())
     moving = rolling > max(settings.onset_threshold * level, settings.onset_floor_m_s2)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(int)))
-    lasting = np.flatnonzero(edges[1::2] - edges[::2] > 2 * window)
-    return int(edges[2 * lasting[0]]) if lasting.size else None
+    return next((run.start for run in unbroken_runs(moving) if run.stop - run.start > 2 * window), None)
 
 
 def integrate(values: FloatArray, rate_hz: float, *, rule: Integration = "trapezoid") -> FloatArray:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["BoolArray", "FloatArray", "IntArray", "LumaArray", "as_float_array"]
+__all__ = ["BoolArray", "FloatArray", "IntArray", "LumaArray", "as_float_array", "unbroken_runs"]
 
 FloatArray = npt.NDArray[np.float64]
 """Double precision, any shape: everything geometric."""
@@ -52,3 +52,9 @@ def as_float_array(value: npt.ArrayLike, name: str, shape: Sequence[int | None])
             f"{name}: expected shape ({'..., ' if open_front else ''}{wanted}), got {array.shape}; reshape it"
         )
     return array
+
+
+def unbroken_runs(valid: BoolArray) -> list[slice]:
+    """Runs of neighbouring true values of an array of shape (T,), in order."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
+    return [slice(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]

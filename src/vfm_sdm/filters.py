@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal
 
-from vfm_sdm.arrays import BoolArray, FloatArray, as_float_array
+from vfm_sdm.arrays import BoolArray, FloatArray, as_float_array, unbroken_runs
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["band_pass", "hampel", "shortest_band_pass_s"]
@@ -54,7 +54,7 @@ def band_pass(values: npt.ArrayLike, rate_hz: float, band_hz: tuple[float, float
     columns = series.reshape(len(series), -1)
     filtered = np.full_like(columns, np.nan)
     for column in range(columns.shape[1]):
-        for run in _runs(np.isfinite(columns[:, column])):
+        for run in unbroken_runs(np.isfinite(columns[:, column])):
             if run.stop - run.start >= shortest:
                 filtered[run, column] = signal.sosfiltfilt(sections, columns[run, column])
     return filtered.reshape(series.shape)
@@ -110,9 +110,3 @@ def _check_band(rate_hz: float, band_hz: tuple[float, float], order: int) -> Non
         )
     if order < 1:
         raise DatasetError(f"order: expected a positive number, got {order}; 4 is the usual one")
-
-
-def _runs(valid: BoolArray) -> list[slice]:
-    """Unbroken runs of valid samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
-    return [slice(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]

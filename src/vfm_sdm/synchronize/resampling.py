@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.arrays import FloatArray, unbroken_runs
 
 __all__ = ["interpolate_runs"]
 
@@ -38,8 +38,8 @@ def interpolate_runs(
     result = np.full((want.size, values.shape[1]), np.nan)
     valid = np.asarray(np.isfinite(values).all(axis=-1))
     joined = valid[1:] & valid[:-1] & (np.diff(have) <= longest_step_s)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(int)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for pairs in unbroken_runs(joined):
+        first, last = pairs.start, pairs.stop
         inside = (want >= have[first]) & (want <= have[last])
         run = slice(first, last + 1)
         degree = 5 if last - first >= 5 else 3 if last - first >= 3 else 1

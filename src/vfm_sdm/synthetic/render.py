@@ -97,7 +97,7 @@ class Renderer:
             array.flags.writeable = False
         self.luma_at_rest, self.face_at_rest = luma, face
         self._moving = np.array([*(face.moving for face in scene.faces), False])
-        self._tiles = _MovingTiles(scene, camera, self._arrays, face)
+        self._tiles = _MovingTiles(self._moving, camera, self._arrays, face)
         self._plan = self._plan_pixels()
         # Kept from frame to frame, because fresh memory costs as much as drawing.
         self._face, self._edges = face.copy(), np.zeros(face.shape, np.bool_)
@@ -240,8 +240,7 @@ class _Stations:
 class _MovingTiles:
     """How points of the moving faces shift in the image: in the middle of each tile, or of the nearest that has one."""
 
-    def __init__(self, scene: Scene, camera: Camera, arrays: CastArrays, face_at_rest: _FaceImage) -> None:
-        moving = np.array([*(face.moving for face in scene.faces), False])
+    def __init__(self, moving: BoolArray, camera: Camera, arrays: CastArrays, face_at_rest: _FaceImage) -> None:
         height, width = face_at_rest.shape
         rows, columns = (np.minimum(np.arange(0, n, TILE) + TILE // 2, n - 1) for n in (height, width))
         face = face_at_rest[np.ix_(rows, columns)]

@@ -5,7 +5,7 @@ import xarray as xr
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import firwin
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.arrays import FloatArray, unbroken_runs
 from vfm_sdm.datasets import check_tracks
 
 __all__ = ["include_scatter"]
@@ -50,7 +50,7 @@ def include_scatter(tracks: xr.Dataset) -> xr.Dataset:
     rate_hz = (len(time_s) - 1) / (time_s[-1] - time_s[0]) if len(time_s) > 1 else 1.0
     variance = np.full(position.shape, np.nan)
     for point in range(position.shape[1]):
-        for run in _runs(np.isfinite(position[:, point]).all(axis=1)):
+        for run in unbroken_runs(np.isfinite(position[:, point]).all(axis=1)):
             variance[run, point] = _variance(position[run, point], kernel, max(1, round(_WINDOW_S * rate_hz)))
     covariance = tracks["position_covariance"].values
     stated = np.einsum("tpii->tpi", covariance)
@@ -71,8 +71,3 @@ def _variance(values: FloatArray, kernel: FloatArray, window: int) -> FloatArray
     half = len(kernel) // 2
     power = np.pad(high**2, ((half, half), (0, 0)), mode="reflect")
     return np.asarray(uniform_filter1d(power, min(window, len(power)), axis=0, mode="nearest") / np.sum(kernel**2))
-
-
-def _runs(valid: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[slice]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
-    return [slice(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
