@@ -1,15 +1,13 @@
 """What an evaluation yields, and its file."""
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from vfm_sdm.errors import DatasetError, ResultsError
-from vfm_sdm.files import replace_file
+from vfm_sdm.errors import DatasetError
 from vfm_sdm.metrics import Score
+from vfm_sdm.results import write_json
 from vfm_sdm.synchronize import Synchronization
 
 __all__ = ["COVERAGE_FACTOR", "NOMINAL_COVERAGE", "Evaluation", "EvaluationRow", "write_evaluation"]
@@ -113,7 +111,6 @@ def write_evaluation(folder: Path | str, evaluation: Evaluation) -> Path:
     ResultsError
         The file cannot be written.
     """
-    target = Path(folder) / "evaluation.json"
     lag = evaluation.synchronization
     figures = {
         "reference": evaluation.reference_name,
@@ -126,19 +123,4 @@ def write_evaluation(folder: Path | str, evaluation: Evaluation) -> Path:
         "std": {name: std for name, (_, std) in evaluation.mean_and_std().items()},
         "notes": evaluation.notes,
     }
-    text = json.dumps(_with_null(figures), indent=2, ensure_ascii=False, allow_nan=False)
-    try:
-        with replace_file(target) as temporary:
-            temporary.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ResultsError(f"{target}: expected to write it, got: {error}; choose another folder") from error
-    return target
-
-
-def _with_null(value: Any) -> Any:
-    """The same with ``None`` for numbers that are not finite, which JSON does not have."""
-    if isinstance(value, dict):
-        return {key: _with_null(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_with_null(inner) for inner in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return write_json(Path(folder) / "evaluation.json", figures, label="evaluation")

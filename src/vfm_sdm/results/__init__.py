@@ -9,7 +9,7 @@ from vfm_sdm.results.notes import (
     displacement_notes,
     recording_notes,
 )
-from vfm_sdm.results.summary import dominant_frequency, read_summary, summarize_displacement, write_summary
+from vfm_sdm.results.summary import dominant_frequency, read_summary, summarize_displacement, write_json, write_summary
 
 __all__ = [
     "describe_clocks",
@@ -23,6 +23,7 @@ __all__ = [
     "recording_notes",
     "summarize_displacement",
     "write_displacement",
+    "write_json",
     "write_mat",
     "write_summary",
     "write_tracks",

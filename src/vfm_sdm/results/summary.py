@@ -16,7 +16,7 @@ from vfm_sdm.datasets import STATUS_MEANINGS, Status, check_displacement
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.files import replace_file
 
-__all__ = ["dominant_frequency", "read_summary", "summarize_displacement", "write_summary"]
+__all__ = ["dominant_frequency", "read_summary", "summarize_displacement", "write_json", "write_summary"]
 
 _COVERAGE_FACTOR = 2.0
 _PROPORTIONAL = ("cameras", "compression")
@@ -47,14 +47,33 @@ def write_summary(folder: Path | str, summary: Mapping[str, Any]) -> Path:
     ResultsError
         The file cannot be written, or a value is of another type.
     """
-    target = Path(folder) / "summary.json"
-    text = json.dumps(_jsonable(summary, "summary"), indent=2, ensure_ascii=False, allow_nan=False)
+    return write_json(Path(folder) / "summary.json", summary, label="summary")
+
+
+def write_json(path: Path, content: Mapping[str, Any], *, label: str) -> Path:
+    """Writes a table as JSON, whole or not at all, with null for numbers that are not finite; returns the path.
+
+    Parameters
+    ----------
+    path
+        The file to make or replace.
+    content
+        See `write_summary`.
+    label
+        What messages call the table.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written, or a value is of another type.
+    """
+    text = json.dumps(_jsonable(content, label), indent=2, ensure_ascii=False, allow_nan=False)
     try:
-        with replace_file(target) as temporary:
+        with replace_file(path) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
-        raise ResultsError(f"{target}: expected to write it, got: {error}; choose another folder") from error
-    return target
+        raise ResultsError(f"{path}: expected to write it, got: {error}; choose another folder") from error
+    return path
 
 
 def read_summary(path: Path | str) -> dict[str, Any]:
