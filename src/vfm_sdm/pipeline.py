@@ -11,20 +11,19 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.arrays import FloatArray, LumaArray
-from vfm_sdm.cameras.base import CameraEstimate, Matches, find_estimator
-from vfm_sdm.cameras.features import match_features
-from vfm_sdm.cameras.site import adjust_to_site
+from vfm_sdm.cameras.base import Matches, find_estimator
+from vfm_sdm.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.cameras.solution import CameraSolution
 from vfm_sdm.datasets import Status, make_tracks
 from vfm_sdm.displacement import compute_displacement, compute_planar_displacement
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
-from vfm_sdm.geometry.triangulation import sampson_error
+from vfm_sdm.point_transfer import transfer_on_face, transfer_points
 from vfm_sdm.refinement import Refinement, SgrSettings, SgrWeights, refine
 from vfm_sdm.session import Session, Site, View
 from vfm_sdm.synchronize import Synchronization, align_views, synchronize_views
 from vfm_sdm.tracking.base import Tracker
-from vfm_sdm.tracking.correspondence import OK, find_correspondences
+from vfm_sdm.tracking.correspondence import OK
 from vfm_sdm.tracking.scatter import include_scatter
 from vfm_sdm.tracking.template import scale_factor
 from vfm_sdm.uncertainty import BudgetInputs, add_uncertainty
@@ -49,8 +48,6 @@ _SEARCH_S = 3.0
 """How far from the stated offset between views the true one may be [s]."""
 _NAMED_PIXEL_STD = 0.5
 """How well a user points at the end of a length [px]."""
-_EPIPOLAR_BAND = 5e-3
-"""Matches within this share of the image width from a known rig's epipolar lines help to find points."""
 
 
 def open_views(session: Session) -> dict[str, Video]:
@@ -100,25 +97,14 @@ def solve_cameras(session: Session, frames: Mapping[str, LumaArray]) -> CameraSo
             view: {p.name: (p.pixel if p.view == view else (np.nan, np.nan)) for p in session.point} for view in frames
         }
         return CameraSolution(None, None, None, named, {}, status=estimate.status, notes=estimate.notes)
-    pixels, states = _carry_points(session, frames, estimate.rig, _matches_for_points(estimate, frames))
-    seen = {name: pixels[name] for name in pixels if np.isfinite(pixels[name]).all()}
+    pixels, states = transfer_points(session, frames, estimate.rig, estimate.matches)
     # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
     known = estimate.rig.covariance is not None
     size = len(CAMERA_PARAMETERS) * len(estimate.rig)
     prior = estimate.rig if known else replace(estimate.rig, covariance=np.zeros((size, size)))
-    site, unused = _measured_to(session.site, seen)
-    adjusted = adjust_to_site(
-        prior,
-        estimate.matches,
-        site,
-        seen,
-        face_points=frozenset(p.name for p in session.point if not p.static and p.name in seen),
-        levels={
-            v.name: (np.radians(v.level.pitch), np.radians(v.level.roll), np.radians(v.level.std_deg))
-            for v in session.view[1:]
-            if v.level is not None
-        },
-    )
+    adjusted, unused = _adjust(session, prior, estimate.matches, pixels)
+    if adjusted.frame is not None and transfer_on_face(session, frames, adjusted.rig, adjusted.frame, pixels, states):
+        adjusted, unused = _adjust(session, prior, estimate.matches, pixels)
     notes = [*estimate.notes, *adjusted.notes, *unused]
     notes += [] if known else ["the camera file states no covariance: the scale has no stated uncertainty"]
     notes += [
@@ -316,6 +302,27 @@ def _planar_displacement(session: Session, tracks: xr.Dataset) -> xr.Dataset:
     )
 
 
+def _adjust(
+    session: Session, prior: Rig, matches: tuple[Matches, ...], pixels: Mapping[str, FloatArray]
+) -> tuple[SiteAdjustment, list[str]]:
+    """The cameras adjusted to everything measured on site to points seen in every view, and what had to be left out."""
+    seen = {name: pixels[name] for name in pixels if np.isfinite(pixels[name]).all()}
+    site, unused = _measured_to(session.site, seen)
+    adjusted = adjust_to_site(
+        prior,
+        matches,
+        site,
+        seen,
+        face_points=frozenset(p.name for p in session.point if not p.static and p.name in seen),
+        levels={
+            v.name: (np.radians(v.level.pitch), np.radians(v.level.roll), np.radians(v.level.std_deg))
+            for v in session.view[1:]
+            if v.level is not None
+        },
+    )
+    return adjusted, unused
+
+
 def _check_points(session: Session, frames: Mapping[str, LumaArray]) -> None:
     faults = []
     for point in session.point:
@@ -337,58 +344,6 @@ def _measured_to(site: Site, seen: Mapping[str, FloatArray]) -> tuple[Site, list
     lost += [f"length {one.points[0]!r} to {one.points[1]!r}" for one in site.length if one not in lengths]
     notes = [f"{what} not used: its point was not found in every view" for what in lost]
     return site.model_copy(update={"range": ranges, "length": lengths}), notes
-
-
-def _matches_for_points(estimate: CameraEstimate, frames: Mapping[str, LumaArray]) -> tuple[Matches, ...]:
-    """Matches of every view with the reference; looked for where the estimator did not need any."""
-    rig = estimate.rig
-    if estimate.matches or rig is None:
-        return estimate.matches
-    images = list(frames.values())
-    found = []
-    for index in range(1, len(images)):
-        first, second = match_features(images[0], images[index])
-        near = np.abs(sampson_error(first, second, rig, second=index)) < _EPIPOLAR_BAND * images[0].shape[1]
-        found.append(Matches(0, index, first[near], second[near]))
-    return tuple(found)
-
-
-def _carry_points(
-    session: Session, frames: Mapping[str, LumaArray], rig: Rig, matches: tuple[Matches, ...]
-) -> tuple[dict[str, FloatArray], dict[str, dict[str, str]]]:
-    """Pixels of every point in every view, (V, 2) by name, and by name and view why one is missing."""
-    views = list(frames)
-    pixels = {p.name: np.full((len(views), 2), np.nan) for p in session.point}
-    states: dict[str, dict[str, str]] = {p.name: {} for p in session.point}
-    for source, source_view in enumerate(views):
-        named = [p for p in session.point if p.view == source_view]
-        for p in named:
-            pixels[p.name][source] = p.pixel
-        for target, target_view in enumerate(views):
-            if target == source or not named:
-                continue
-            found = find_correspondences(
-                (frames[source_view], frames[target_view]),
-                np.array([p.pixel for p in named]),
-                rig,
-                matches=_pair(matches, source, target),
-                subset_px=session.method.subset_px,
-                given={i: np.array(p.pixel_in[target_view]) for i, p in enumerate(named) if target_view in p.pixel_in},
-            )
-            for p, position, state in zip(named, found.points2d, found.status, strict=True):
-                pixels[p.name][target] = position
-                states[p.name][target_view] = state
-    return pixels, states
-
-
-def _pair(matches: tuple[Matches, ...], first: int, second: int) -> Matches:
-    """The matches between two views in this order; empty when there are none."""
-    for m in matches:
-        if (m.first, m.second) == (first, second):
-            return m
-        if (m.first, m.second) == (second, first):
-            return Matches(first, second, m.points_second, m.points_first)
-    return Matches(first, second, np.empty((0, 2)), np.empty((0, 2)))
 
 
 def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:

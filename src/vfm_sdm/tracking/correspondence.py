@@ -17,7 +17,7 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
 from vfm_sdm.tracking.subsets import Registration, register_subset
 
-__all__ = ["AMBIGUOUS", "NOT_FOUND", "NOT_RETURNED", "OK", "Correspondence", "find_correspondences"]
+__all__ = ["AMBIGUOUS", "NOT_FOUND", "NOT_RETURNED", "OK", "Correspondence", "Surface", "find_correspondences"]
 
 OK = "ok"
 NOT_FOUND = "not found in the other view"
@@ -39,7 +39,12 @@ _MAX_HYPOTHESES = 400
 _FIRST_ITERATIONS, _LAST_ITERATIONS = 8, 40
 _KEPT_STARTS = 24
 """Places that are carried on after the first iterations: those that resemble the point most."""
-_TILTS = np.radians([0.0, -50.0, 50.0, -70.0, 70.0])
+_TILTS = np.array([[np.sin(t), 0.0, np.cos(t)] for t in np.radians([0.0, -50.0, 50.0, -70.0, 70.0])])
+"""Normals of the small planes that are tried, in the first camera's frame: turned about its vertical."""
+_SURFACE_STD = 3.0
+_SURFACE_CORRELATION = 0.8
+_WELL_SMALLER = 0.8
+"""A square confirms another if its side is at most this share of the other's."""
 _SIZES_PX = (41, 31, 21)
 """Sides tried, in pixels of the level, where a larger square holds what one view hides from the other, as stiffeners
 hide parts of a girder."""
@@ -84,6 +89,37 @@ class Correspondence:
 
 
 @dataclass(frozen=True, eq=False)
+class Surface:
+    """A plane that points lie on: ``normal . X = distance`` in the rig's world frame.
+
+    Parameters
+    ----------
+    normal
+        Unit vector, shape (3,).
+    distance
+        From the origin, in the rig's unit of length.
+    std
+        Standard deviation of how far points lie off it, same unit.
+    """
+
+    normal: FloatArray
+    distance: float
+    std: float
+
+    def depths(self, ray: FloatArray, camera: Camera) -> tuple[float, float]:
+        """Nearest and farthest depth in a camera at which a ray (3,) meets it, three standard deviations each way."""
+        inwards, offset = self.in_camera(camera)
+        reach = np.array([-_SURFACE_STD, _SURFACE_STD]) * self.std
+        near, far = sorted((offset + reach) / (inwards @ ray))
+        return float(near), float(far)
+
+    def in_camera(self, camera: Camera) -> tuple[FloatArray, float]:
+        """Normal and distance in a camera's frame."""
+        inwards = camera.rotation @ self.normal
+        return inwards, float(self.distance + inwards @ camera.translation)
+
+
+@dataclass(frozen=True, eq=False)
 class _Hypotheses:
     """Places to try: positions (H, 2) in the second view, and affine maps (H, 2, 2) of reference offsets."""
 
@@ -99,6 +135,7 @@ def find_correspondences(
     matches: Matches,
     subset_px: int = 41,
     given: Mapping[int, FloatArray] | None = None,
+    surface: Surface | None = None,
 ) -> Correspondence:
     """Positions in the second view of points named in the first.
 
@@ -116,6 +153,8 @@ def find_correspondences(
         Side of the compared square [px].
     given
         Positions that a user named in the second view, by index of the point; tried first.
+    surface
+        Where the points are known to lie, such as the structure's face; only places on it are tried then.
 
     Raises
     ------
@@ -142,6 +181,10 @@ def find_correspondences(
         )
     least = max(1, round(subset_px / _SIZES_PX[0]))
     results: list[_Outcome] = [(None, NOT_FOUND, float("nan"))] * len(points)
+    if surface is not None:
+        levels = [_reduced(images, rig, matches, factor) for factor in range(least, 0, -1)]
+        results = [_find_on_surface(images, levels, point, surface, subset_px) for point in points]
+        return _collected(results)
     for factor in dict.fromkeys((least, max(1, least - 1), *(least * more for more in _REDUCTIONS))):
         level = _reduced(images, rig, matches, factor)
         for index, point in enumerate(points):
@@ -149,10 +192,14 @@ def find_correspondences(
                 found = _find_one(images, level, point, subset_px=subset_px, given=(given or {}).get(index))
                 if found[1] == OK or results[index][0] is None:
                     results[index] = found
+    return _collected(results)
+
+
+def _collected(results: list[_Outcome]) -> Correspondence:
     status = tuple(outcome[1] for outcome in results)
-    position = np.full((len(points), 2), np.nan)
-    covariance = np.full((len(points), 2, 2), np.nan)
-    correlation, return_error = np.full(len(points), np.nan), np.full(len(points), np.nan)
+    count = len(results)
+    position, covariance = np.full((count, 2), np.nan), np.full((count, 2, 2), np.nan)
+    correlation, return_error = np.full(count, np.nan), np.full(count, np.nan)
     for index, (registration, state, miss) in enumerate(results):
         return_error[index] = miss
         if registration is not None:
@@ -214,9 +261,8 @@ def _find_one(
 ) -> _Outcome:
     """Best registration of one point, its status, and the distance that the way back misses by."""
     place = level.reduced(point)
-    hypotheses = _from_matches(place, level.matches)
     depths = _depth_range(level.rig, level.matches)
-    hypotheses = _join(hypotheses, _from_depths(place, *level.cameras, depths))
+    hypotheses = _join(_from_matches(place, level.matches), _from_depths(place, *level.cameras, depths, _TILTS))
     named = None if given is None else level.reduced(given)
     if named is not None:
         # A position named by hand says where; the map of offsets is that of the places tried next to it.
@@ -231,6 +277,37 @@ def _find_one(
             break
     good = [one for one in outcomes if one[1] == OK]
     return max(_agreeing(good), key=_correlation) if good else outcomes[0]
+
+
+def _find_on_surface(
+    images: tuple[LumaArray, LumaArray], levels: list[_Level], point: FloatArray, surface: Surface, subset_px: int
+) -> _Outcome:
+    """Registration of one point on a surface: the most certain of those that a well smaller square confirms.
+
+    Where one view is dark or out of focus and seen at a sharp angle, the few pixels of the way back do not suffice.
+    Squares of different size see different surroundings: what stands off the surface draws each elsewhere.
+    """
+    seen: list[tuple[int, Registration]] = []
+    for level in levels:
+        place = level.reduced(point)
+        ray = np.append(level.cameras[0].normalize(place), 1.0)
+        normal = surface.in_camera(level.cameras[0])[0]
+        hypotheses = _from_depths(place, *level.cameras, surface.depths(ray, level.cameras[0]), normal[None])
+        for size in (px for px in _SIZES_PX if px * level.factor <= subset_px + level.factor):
+            found, state, _ = _register(level.images, place, hypotheses, size, None)
+            if found is not None and state != AMBIGUOUS and found.correlation[0] >= _SURFACE_CORRELATION:
+                seen.append((size * level.factor, _carried_on(images, level, point, found, size)[0]))
+    confirmed: list[_Outcome] = []
+    for side, one in seen:
+        smaller = [other.position[0] for other_side, other in seen if other_side <= _WELL_SMALLER * side]
+        apart = min((float(np.linalg.norm(one.position[0] - place)) for place in smaller), default=np.inf)
+        if apart <= _AGREEMENT_PX:
+            confirmed.append((one, OK, apart))
+    return min(confirmed, key=_variance, default=(None, NOT_FOUND, float("nan")))
+
+
+def _variance(outcome: _Outcome) -> float:
+    return np.inf if outcome[0] is None else float(np.trace(outcome[0].covariance[0]))
 
 
 def _agreeing(good: list[_Outcome]) -> list[_Outcome]:
@@ -250,18 +327,26 @@ def _at_full_size(
     registration, status, miss = found
     if level.factor == 1 or registration is None:
         return found
+    carried, agreed = _carried_on(images, level, point, registration, size)
+    # Where one view is out of focus, the sharp one does not resemble it at full size. A place that only the reduced
+    # images show stands if they leave little doubt: it must return to less than a few pixels, and resemble it well.
+    sure = registration.correlation[0] >= _SURE_CORRELATION and level.factor * miss <= _COARSE_RETURN_PX
+    return carried, status if agreed or sure or status != OK else NOT_FOUND, level.factor * miss
+
+
+def _carried_on(
+    images: tuple[LumaArray, LumaArray], level: _Level, point: FloatArray, registration: Registration, size: int
+) -> tuple[Registration, bool]:
+    """A registration of reduced images in pixels of the images themselves, and whether these agree with it."""
+    if level.factor == 1:
+        return registration, True
     start = level.full(registration.position)
-    coarse = replace(registration, position=start, covariance=level.factor**2 * registration.covariance)
     odd = size * level.factor // 2 * 2 + 1
     fine = register_subset(images[0], images[1], point[None], start, registration.affine, subset_px=odd)
     near = np.linalg.norm(fine.position[0] - start[0]) <= _WANDER_PX * level.factor
-    agreed = bool(fine.converged[0]) and fine.correlation[0] >= _MIN_CORRELATION and near
-    if agreed:
-        return fine, status, level.factor * miss
-    # Where one view is out of focus, the sharp one does not resemble it at full size. A place that only the reduced
-    # images show stands if they leave little doubt: it must return to less than a few pixels, and resemble it well.
-    sure = coarse.correlation[0] >= _SURE_CORRELATION and level.factor * miss <= _COARSE_RETURN_PX
-    return coarse, status if sure or status != OK else NOT_FOUND, level.factor * miss
+    if bool(fine.converged[0]) and fine.correlation[0] >= _MIN_CORRELATION and near:
+        return fine, True
+    return replace(registration, position=start, covariance=level.factor**2 * registration.covariance), False
 
 
 def _register(
@@ -355,8 +440,10 @@ def _depth_range(rig: Rig, matches: Matches) -> tuple[float, float]:
     return 0.7 * float(near), 1.5 * float(far)
 
 
-def _from_depths(point: FloatArray, first: Camera, second: Camera, depths: tuple[float, float]) -> _Hypotheses:
-    """Points on the viewing ray, equally spaced along the epipolar line, each as a small tilted plane."""
+def _from_depths(
+    point: FloatArray, first: Camera, second: Camera, depths: tuple[float, float], normals: FloatArray
+) -> _Hypotheses:
+    """Points on the viewing ray, equally spaced along the epipolar line, each as small planes with normals (N, 3)."""
     ray = np.append(first.normalize(point), 1.0)
 
     def pixel(depth: FloatArray) -> FloatArray:
@@ -373,14 +460,13 @@ def _from_depths(point: FloatArray, first: Camera, second: Camera, depths: tuple
     count = int(np.clip(np.ceil(travelled[-1] / _MAX_EPIPOLAR_STEP_PX), 2, _MAX_HYPOTHESES))
     tried = 1 / np.interp(np.linspace(0, travelled[-1], count), travelled, inverse)
     positions = pixel(tried)
-    everything = [_Hypotheses(positions, _plane_maps(point, first, second, tried, tilt)) for tilt in _TILTS]
+    everything = [_Hypotheses(positions, _plane_maps(point, first, second, tried, n)) for n in normals]
     return _join(*everything)
 
 
-def _plane_maps(point: FloatArray, first: Camera, second: Camera, depths: FloatArray, tilt: float) -> FloatArray:
-    """Affine maps of offsets from the first to the second image through planes turned about the vertical."""
+def _plane_maps(point: FloatArray, first: Camera, second: Camera, depths: FloatArray, normal: FloatArray) -> FloatArray:
+    """Affine maps of offsets from the first to the second image through planes at depths on the point's ray."""
     ray = np.append(first.normalize(point), 1.0)
-    normal = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
     columns = []
     for axis in range(2):
         moved = []

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from simulation import intrinsics, looking_at
 from textures import WaveTexture
 from vfm_sdm.cameras.base import Matches
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.tracking.correspondence import AMBIGUOUS, NOT_FOUND, OK, find_correspondences
+from vfm_sdm.tracking.correspondence import AMBIGUOUS, NOT_FOUND, OK, Surface, find_correspondences
 
 SIZE = (420, 320)
 DEPTH = 10.0
@@ -133,3 +134,41 @@ def test_smaller_squares_find_what_a_stiffener_hides_in_part(images, monkeypatch
     monkeypatch.setattr("vfm_sdm.tracking.correspondence._SIZES_PX", (61,))
     whole = find_correspondences((left, right), POINTS[1:2], rig(), matches=NO_MATCHES, subset_px=61)
     assert whole.status != (OK,) or np.abs(whole.points2d[0] - place).max() > 2 * ATOL_PX
+
+
+def surface(offset=0.0, std=0.3):
+    scale = np.hypot(1.0, 0.2)
+    return Surface(np.array([-0.2, 0.0, 1.0]) / scale, DEPTH / scale + offset, std)
+
+
+def dark_and_out_of_focus(image, seed=3):
+    soft = gaussian_filter(image.astype(float), 1.5)
+    noisy = 0.15 * soft + np.random.default_rng(seed).normal(0, 1.2, image.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def test_a_known_surface_finds_what_a_dark_view_out_of_focus_shows_between_stiffeners(images):
+    right = images[1].copy()
+    stiffener = view(rig().cameras[1], WaveTexture(77))
+    place = true_position()[1]
+    for edge in (round(place[0]) - 43, round(place[0]) + 17):
+        right[:, edge : edge + 26] = stiffener[:, edge : edge + 26]
+    right = dark_and_out_of_focus(right)
+    asked = {"matches": NO_MATCHES, "subset_px": 61}
+    alone = find_correspondences((images[0], right), POINTS[1:2], rig(), **asked)
+    assert alone.status != (OK,)
+    found = find_correspondences((images[0], right), POINTS[1:2], rig(), surface=surface(), **asked)
+    assert found.status == (OK,)
+    np.testing.assert_allclose(found.points2d[0], place, atol=0.5)
+
+
+def test_nothing_is_found_on_a_surface_that_is_elsewhere(images):
+    found = find_correspondences(images, POINTS, rig(), matches=NO_MATCHES, surface=surface(offset=2.0, std=0.1))
+    assert found.status == (NOT_FOUND,) * 3
+    assert np.isnan(found.points2d).all()
+
+
+def test_a_surface_alone_does_not_make_up_a_place(images):
+    other = view(rig().cameras[1], WaveTexture(99))
+    found = find_correspondences((images[0], other), POINTS, rig(), matches=NO_MATCHES, surface=surface())
+    assert found.status == (NOT_FOUND,) * 3
