@@ -149,10 +149,11 @@ def run_method(
     run = Run(session, place, progress)
     run.check_method()
     write_session(place / "session.resolved.toml", session)
-    # Trackers share the cameras; a run takes the file only if it belongs to the same inputs.
-    known = folder / f"cameras-{method.cameras}.toml"
-    if known.exists() and not (place / "cameras.toml").exists():
-        copyfile(known, place / "cameras.toml")
+    # Trackers share the cameras and their cost; a run takes the files only if they belong to the same inputs.
+    if not (place / "cameras.toml").exists():
+        for cost in sorted(folder.glob(f"*+{method.cameras}/costs.json"))[:1]:
+            copyfile(cost.with_name("cameras.toml"), place / "cameras.toml")
+            copyfile(cost, place / "costs.json")
     frames = f"{test.plan.frames} frames, {len(session.point)} points"
     with measure_cost("camera parameter estimation", f"{len(session.view)} frames") as of_cameras:
         cameras = run.cameras()

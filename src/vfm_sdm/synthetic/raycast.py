@@ -75,7 +75,7 @@ def _point_spread() -> FloatArray:
     return np.asarray(BLUR_PX * ndtri((lattice + 0.5) / _SAMPLES))
 
 
-_POINT_SPREAD = _point_spread()
+_SPREAD_U, _SPREAD_V = (np.ascontiguousarray(places, np.float32) for places in _point_spread().T)
 
 
 class CastArrays(NamedTuple):
@@ -305,16 +305,33 @@ def _neighbours(face: _FaceImage, row: int, column: int) -> tuple[int, int]:
 
 
 @nb.njit(error_model="numpy", forceinline=True)
-def _shows(face: _FaceImage, row: int, column: int, k: int) -> bool:
-    """Whether a face is seen within the reach of the point spread; at the border of the image it may be."""
+def _gather(face: _FaceImage, listed: _Int64Array, row: int, column: int, near: FloatArray) -> int:
+    """Lists the faces seen within the reach of the point spread in the first column of ``near``; returns how many.
+
+    At the border of the image any of the faces ``listed`` for the tile may be.
+    """
     height, width = face.shape
+    count = 0
     if min(row, column, height - 1 - row, width - 1 - column) < EDGE_PX:
-        return True
+        for n in range(listed.shape[0]):
+            if listed[n] < 0:
+                break
+            near[count, 0] = listed[n]
+            count += 1
+        return count
+    last = -1
     for i in range(row - EDGE_PX, row + EDGE_PX + 1):
         for j in range(column - EDGE_PX, column + EDGE_PX + 1):
-            if face[i, j] == k:
-                return True
-    return False
+            k = face[i, j]
+            if k < 0 or k == last:
+                continue
+            last, known = k, False
+            for n in range(count):
+                known = known or near[n, 0] == k
+            if not known and count < near.shape[0]:
+                near[count, 0] = k
+                count += 1
+    return count
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -361,29 +378,13 @@ def _blend_two(
 
 
 @nb.njit(error_model="numpy", forceinline=True)
-def _nearest(faces: FloatArray, near: FloatArray, count: int, du: float, dv: float) -> int:
-    """Row of ``near`` of the nearest face on a ray beside a pixel's centre, -1 for none.
-
-    A row holds a face's index and what `_linearize` gives.
-    """
-    best, nearest = -1, np.inf
-    for n in range(count):
-        k = int(near[n, 0])
-        along = near[n, 1] + du * near[n, 4] + dv * near[n, 7]
-        a = near[n, 2] + du * near[n, 5] + dv * near[n, 8]
-        b = near[n, 3] + du * near[n, 6] + dv * near[n, 9]
-        if 0 < along < nearest and 0 <= a <= faces[k, LENGTH] and 0 <= b <= faces[k, LENGTH + 1]:
-            best, nearest = n, along
-    return best
-
-
-@nb.njit(error_model="numpy", forceinline=True)
 def _blend_many(
     faces: FloatArray,
     layout: _Int64Array,
     coefficients: _Coefficients,
     near: FloatArray,
     count: int,
+    rays: tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]],
     sky: float,
 ) -> float:
     """Mean luma under the point spread, each face's texture taken at the pixel's centre.
@@ -391,21 +392,42 @@ def _blend_many(
     Parameters
     ----------
     near
-        A row a face: its index, what `_linearize` gives, and room for a number.
+        A row a face: its index, and what `_linearize` gives.
+    rays
+        Room for the distance to the nearest face on each ray of the point spread, and for its row in ``near``.
+
+    Notes
+    -----
+    Face by face over all rays, without branches, so that the compiler takes several rays at once.
     """
+    distance, nearest = rays
+    for m in range(_SAMPLES):
+        distance[m], nearest[m] = np.inf, -1
     for n in range(count):
-        near[n, 10] = 0
-    total = 0.0
-    for n in range(_SAMPLES):
-        hit = _nearest(faces, near, count, _POINT_SPREAD[n, 0], _POINT_SPREAD[n, 1])
-        if hit < 0:
-            total += sky
-        else:
-            near[hit, 10] += 1
+        k = int(near[n, 0])
+        along, along_u, along_v = np.float32(near[n, 1]), np.float32(near[n, 4]), np.float32(near[n, 7])
+        a, a_u, a_v = np.float32(near[n, 2]), np.float32(near[n, 5]), np.float32(near[n, 8])
+        b, b_u, b_v = np.float32(near[n, 3]), np.float32(near[n, 6]), np.float32(near[n, 9])
+        length_a, length_b = np.float32(faces[k, LENGTH]), np.float32(faces[k, LENGTH + 1])
+        none = np.float32(0)
+        for m in range(_SAMPLES):
+            du, dv = _SPREAD_U[m], _SPREAD_V[m]
+            far = along + du * along_u + dv * along_v
+            at_a = a + du * a_u + dv * a_v
+            at_b = b + du * b_u + dv * b_v
+            hit = (far > none) & (far < distance[m])
+            hit &= (at_a >= none) & (at_a <= length_a) & (at_b >= none) & (at_b <= length_b)
+            distance[m] = far if hit else distance[m]
+            nearest[m] = np.int32(n) if hit else nearest[m]
+    total, seen = 0.0, 0
     for n in range(count):
-        if near[n, 10] > 0:
-            total += near[n, 10] * _sample(faces, layout, coefficients, int(near[n, 0]), near[n, 2], near[n, 3])
-    return total / _SAMPLES
+        hits = 0
+        for m in range(_SAMPLES):
+            hits += nearest[m] == n
+        if hits > 0:
+            total += hits * _sample(faces, layout, coefficients, int(near[n, 0]), near[n, 2], near[n, 3])
+            seen += hits
+    return (total + (_SAMPLES - seen) * sky) / _SAMPLES
 
 
 @nb.njit(error_model="numpy", forceinline=True, fastmath=_FAST)
@@ -532,7 +554,8 @@ def smooth_edges(
     faces, layout, coefficients, rays, candidates, sky = arrays
     width = edges.shape[1]
     for row in nb.prange(rows[0], rows[1]):
-        near = np.empty((candidates.shape[2], 11))
+        near = np.empty((candidates.shape[2], 10))
+        spread = np.empty(_SAMPLES, np.float32), np.empty(_SAMPLES, np.int32)
         for column in range(width):
             if not edges[row, column]:
                 continue
@@ -549,20 +572,17 @@ def smooth_edges(
                         beyond = _sample(faces, layout, coefficients, other, second[1], second[2])
                     luma[row, column] = share * luma[row, column] + (1 - share) * beyond
                     continue
+            listed = _gather(face, candidates[row // TILE, column // TILE], row, column, near)
             count = 0
-            for n in range(candidates.shape[2]):
-                k = candidates[row // TILE, column // TILE, n]
-                if k < 0:
-                    break
-                if not _shows(face, row, column, k):
-                    continue
+            for n in range(listed):
+                k = int(near[n, 0])
                 center, by_column, by_row = _linearize(faces, layout, values, k, three)
                 if center[0] > 0:
                     near[count, 0] = k
                     for m in range(3):
                         near[count, 1 + m], near[count, 4 + m], near[count, 7 + m] = center[m], by_column[m], by_row[m]
                     count += 1
-            luma[row, column] = _blend_many(faces, layout, coefficients, near, count, sky)
+            luma[row, column] = _blend_many(faces, layout, coefficients, near, count, spread, sky)
 
 
 @nb.njit(cache=True, error_model="numpy")

@@ -1,6 +1,7 @@
 """Synthetic frames written as a camera writes them: H.264 with exact time stamps."""
 
 from collections.abc import Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 
@@ -51,13 +52,24 @@ def write_video(
     target = Path(path)
     rate = Fraction(fps)
     try:
-        with replace_file(target) as temporary, av.open(str(temporary), "w") as container:
+        with (
+            replace_file(target) as temporary,
+            av.open(str(temporary), "w") as container,
+            ThreadPoolExecutor(1) as worker,
+        ):
+            encoded: Future[None] | None = None
             stream = container.add_stream("libx264", rate=rate, options=dict(options))
             stream.pix_fmt = "yuv420p"
             stream.codec_context.color_range = _LIMITED_RANGE
             # Finer than a frame, because the muxer rounds decoding times of reordered frames to it.
             stream.codec_context.time_base = 1 / (rate * _TIME_BASE)
             colour: npt.NDArray[np.uint8] | None = None
+
+            def encode(picture: npt.NDArray[np.uint8], number: int) -> None:
+                frame = av.VideoFrame.from_ndarray(picture, format="yuv420p")
+                frame.pts, frame.time_base = number * _TIME_BASE, stream.codec_context.time_base
+                container.mux(stream.encode(frame))
+
             for number, luma in enumerate(frames):
                 height, width = luma.shape
                 if colour is None:
@@ -68,11 +80,15 @@ def write_video(
                         f"frame {number}: expected {stream.width} x {stream.height} px as the first, got "
                         f"{width} x {height}; render all frames of a view with one camera"
                     )
-                frame = av.VideoFrame.from_ndarray(np.concatenate([luma, colour]), format="yuv420p")
-                frame.pts, frame.time_base = number * _TIME_BASE, stream.codec_context.time_base
-                container.mux(stream.encode(frame))
+                picture = np.concatenate([luma, colour])
+                # One frame is encoded while the next is drawn.
+                if encoded is not None:
+                    encoded.result()
+                encoded = worker.submit(encode, picture, number)
             if colour is None:
                 raise VideoError(f"{target}: expected at least one frame, got none; pass frames")
+            if encoded is not None:
+                encoded.result()
             container.mux(stream.encode(None))
     except av.FFmpegError as error:
         raise VideoError(f"{target}: expected to write H.264 with {dict(options)}, got: {error}; check both") from error
