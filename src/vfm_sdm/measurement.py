@@ -16,10 +16,11 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.arrays import LumaArray
+from vfm_sdm.audit import Audit
 from vfm_sdm.cameras.base import find_estimator
 from vfm_sdm.cameras.solution import CameraSolution, read_solution, write_solution
 from vfm_sdm.errors import ResultsError
-from vfm_sdm.pipeline import Progress, displacement_of, open_views, solve_cameras, track_views
+from vfm_sdm.pipeline import Progress, audit_of, displacement_of, open_views, solve_cameras, track_views
 from vfm_sdm.plots import save_figures
 from vfm_sdm.results import (
     describe_clocks,
@@ -56,6 +57,8 @@ class Measurement:
         Tracks by view, each on its own clock.
     displacement
         Displacement dataset; ``None`` where no cameras could be found (``cameras.status`` says why).
+    audit
+        Checks and verdict; ``None`` where there is no displacement, or a single view.
     summary
         As written to ``summary.json``.
     """
@@ -64,6 +67,7 @@ class Measurement:
     cameras: CameraSolution
     tracks: Mapping[str, xr.Dataset]
     displacement: xr.Dataset | None
+    audit: Audit | None
     summary: Mapping[str, Any]
 
 
@@ -172,8 +176,21 @@ class Run:
             write_displacement(self.folder, displacement)
         return displacement
 
+    def audit(
+        self, cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset | None
+    ) -> Audit | None:
+        """Checks and verdict; ``None`` without displacement."""
+        if displacement is None:
+            return None
+        with self._timed("audit"):
+            return audit_of(self.session, tracks, cameras, displacement, self.frames)
+
     def figures(
-        self, cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset
+        self,
+        cameras: CameraSolution,
+        tracks: Mapping[str, xr.Dataset],
+        displacement: xr.Dataset,
+        audit: Audit | None = None,
     ) -> list[Path]:
         """The pictures of the run, in ``figures/``."""
         if self.folder is None:
@@ -181,15 +198,20 @@ class Run:
         with self._timed("figures"):
             self._say("figures", 0, None)
             points = {view: np.array(list(named.values())) for view, named in cameras.points.items()}
-            return save_figures(self.folder, tracks, displacement, self.frames, points)
+            return save_figures(self.folder, tracks, displacement, self.frames, points, audit=audit)
 
     def summary(
-        self, cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset | None
+        self,
+        cameras: CameraSolution,
+        tracks: Mapping[str, xr.Dataset],
+        displacement: xr.Dataset | None,
+        audit: Audit | None = None,
     ) -> dict[str, Any]:
         """Everything a reviewer asks for, written to ``summary.json``."""
         summary = {
             "name": self.session.name,
             "status": cameras.status,
+            "audit": None if audit is None else audit.as_table(),
             "notes": [*cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
             "points": {} if displacement is None else summarize_displacement(displacement),
             "frame": None if displacement is None else displacement.attrs["frame"],
@@ -268,9 +290,11 @@ def measure(session: Session, folder: Path | str | None = None, *, progress: Pro
     cameras = run.cameras()
     tracks = run.tracks(cameras)
     displacement = run.displacement(cameras, tracks)
+    audit = run.audit(cameras, tracks, displacement)
     if displacement is not None:
-        run.figures(cameras, tracks, displacement)
-    return Measurement(session, cameras, tracks, displacement, run.summary(cameras, tracks, displacement))
+        run.figures(cameras, tracks, displacement, audit)
+    summary = run.summary(cameras, tracks, displacement, audit)
+    return Measurement(session, cameras, tracks, displacement, audit, summary)
 
 
 def versions() -> dict[str, str]:

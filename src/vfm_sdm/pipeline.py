@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.arrays import FloatArray, LumaArray
+from vfm_sdm.audit import Audit, AuditInputs, audit
 from vfm_sdm.cameras.base import Matches, find_estimator
 from vfm_sdm.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.cameras.solution import CameraSolution
@@ -32,6 +33,7 @@ from vfm_sdm.video import Video, open_images, open_video
 __all__ = [
     "ONE_VIEW",
     "Progress",
+    "audit_of",
     "displacement_of",
     "open_views",
     "solve_cameras",
@@ -256,6 +258,35 @@ def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution
     return displacement
 
 
+def audit_of(
+    session: Session,
+    tracks: Mapping[str, xr.Dataset],
+    solution: CameraSolution,
+    displacement: xr.Dataset,
+    frames: Mapping[str, LumaArray] | None = None,
+) -> Audit | None:
+    """Checks of a measurement and their verdict; ``None`` for a single view, of which nothing can be checked.
+
+    Parameters
+    ----------
+    session, tracks, solution
+        As in `displacement_of`.
+    displacement
+        Its result.
+    frames
+        First frame of every view; without, checks that need images are left out.
+    """
+    if solution.rig is None or len(session.view) < 2:
+        return None
+    aligned = synchronize_tracks(session, tracks)[0]
+    unrefined = displacement
+    if session.method.refinement != "none":
+        interval = session.method.still_interval_s
+        unrefined = compute_displacement(aligned, solution.rig, frame=solution.frame, still_interval_s=interval)
+        unrefined["status"] = displacement["status"]
+    return audit(AuditInputs(session, solution, tracks, aligned, displacement, unrefined, frames or {}))
+
+
 def _refine(session: Session, aligned: xr.Dataset, solution: CameraSolution) -> Refinement:
     if solution.rig is None or solution.frame is None:
         raise DatasetError(
@@ -355,9 +386,5 @@ def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:
 
 def _with_lost_points(tracks: xr.Dataset, names: list[str]) -> xr.Dataset:
     """The tracks with rows of NaN and status lost for the points that were not tracked, in the order of ``names``."""
-    full = _lost_tracks(tracks["time"].values, names)
-    full.attrs.update(tracks.attrs)
-    rows = [names.index(str(p)) for p in tracks["point"].values]
-    for name in ("position", "position_covariance", "status"):
-        full[name].values[:, rows] = tracks[name].values
-    return full
+    codes = tracks["status"].dtype.type(Status.LOST)
+    return tracks.reindex(point=names, fill_value={"status": codes})

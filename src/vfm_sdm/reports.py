@@ -10,6 +10,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from vfm_sdm.audit import Audit, Outcome, Verdict
 from vfm_sdm.cameras.solution import CameraSolution
 from vfm_sdm.datasets import STATUS_MEANINGS, Status
 from vfm_sdm.evaluation import Evaluation, EvaluationRow
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from vfm_sdm.protocol import Table as ProtocolTable
 
 __all__ = [
+    "audit_report",
     "benchmark_tables",
     "budget_table",
     "camera_report",
@@ -60,6 +62,29 @@ def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
         yield Text(f"reused from the run folder: {', '.join(reused)}")
     seconds = measurement.summary["seconds"]
     yield Text("time: " + ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items()))
+    if measurement.audit is not None:
+        yield from audit_report(measurement.audit)
+
+
+def audit_report(audit: Audit) -> Iterator[RenderableType]:
+    """What did not pass or could not be checked, with the figure and its limit, and the verdict in the last line."""
+    table = Table(title="Audit", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("check", "outcome", "figure", "limit", "meaning"):
+        table.add_column(Text(name), justify="right" if name in ("figure", "limit") else "left")
+    hidden = [check for check in audit.checks if check.outcome is Outcome.PASS]
+    for check in (*audit.flagged, *(c for c in audit.checks if c.outcome is Outcome.NOT_POSSIBLE)):
+        figure, limit = (_number(value, "{:.3g}") for value in (check.figure, check.limit))
+        units = "" if check.units in ("", "1") or figure == "-" else f" {check.units}"
+        style = {Outcome.FAIL: "red", Outcome.CAUTION: "yellow"}.get(check.outcome)
+        table.add_row(check.name, str(check.outcome), figure + units, limit + units, check.sentence, style=style)
+    if table.row_count:
+        yield table
+    colour = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.REFUSED: "red"}[audit.verdict]
+    reasons = f": {'; '.join(check.name for check in audit.flagged)}" if audit.flagged else ""
+    yield Text(
+        f"verdict: {audit.verdict}{reasons} ({len(hidden)} of {len(audit.checks)} checks passed)",
+        style=f"bold {colour}",
+    )
 
 
 def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[RenderableType]:

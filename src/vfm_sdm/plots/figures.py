@@ -10,8 +10,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from vfm_sdm.audit import Audit
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.files import replace_file
+from vfm_sdm.plots.audit import plot_audit
 from vfm_sdm.plots.panels import plot_displacement, plot_points, plot_trajectory
 
 __all__ = ["file_stem", "save_figures"]
@@ -27,11 +29,13 @@ def save_figures(
     displacement: xr.Dataset | None,
     frames: Mapping[str, npt.NDArray[Any]],
     points_by_view: Mapping[str, npt.ArrayLike],
+    *,
+    audit: Audit | None = None,
 ) -> list[Path]:
     """Writes the figures of a run into ``figures/`` of its folder and returns their paths.
 
-    ``trajectory_<view>.png``, ``displacement_<point>.png`` (one panel an axis) and ``points_<view>.png``; characters
-    that file names may not have are replaced (see `file_stem`).
+    ``trajectory_<view>.png``, ``displacement_<point>.png`` (one panel an axis), ``points_<view>.png`` and
+    ``audit.png``; characters that file names may not have are replaced (see `file_stem`).
 
     Parameters
     ----------
@@ -45,6 +49,8 @@ def save_figures(
         First frame by view, shape (H, W) or (H, W, 3).
     points_by_view
         Positions in that frame by view, shape (P, 2) [px], in the order of the view's tracks.
+    audit
+        Checks and verdict; None when there are none.
 
     Raises
     ------
@@ -67,6 +73,8 @@ def save_figures(
         axes = plot_points(frames[view], points, _names(tracks_by_view[view], "point"), figure.add_subplot())
         axes.set_title(f"points in view {view}, first frame", loc="left")
         figures.append((f"points_{file_stem(view)}", figure))
+    if audit is not None:
+        figures.append(("audit", _audit_figure(audit)))
     return _save(Path(folder) / "figures", figures)
 
 
@@ -118,6 +126,14 @@ def _displacement_figure(displacement: xr.Dataset, point: str) -> Figure:
         panel.label_outer()
     frame = displacement.attrs.get("frame")
     _head(figure, f"displacement of {point}" + (f" ({frame} axes)" if frame else ""), panels.tolist())
+    return figure
+
+
+def _audit_figure(audit: Audit) -> Figure:
+    figure = Figure(figsize=(14.0, 1.3 + 0.34 * len(audit.checks)))
+    # Names of checks on the left, their sentences on the right.
+    figure.subplots_adjust(left=0.17, right=0.52, bottom=0.6 / figure.get_figheight(), top=0.93)
+    plot_audit(audit, figure.add_subplot())
     return figure
 
 

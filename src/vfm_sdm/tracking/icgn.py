@@ -10,6 +10,7 @@ import xarray as xr
 from vfm_sdm.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.datasets import Status, make_tracks
 from vfm_sdm.tracking.follow import Follower, FollowSettings
+from vfm_sdm.tracking.halves import SubsetHalves
 from vfm_sdm.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
 from vfm_sdm.tracking.subsets import RawRegistration, SubsetBank, check_subset_px
 from vfm_sdm.video import Video
@@ -134,7 +135,9 @@ class IcgnTracker:
         Returns
         -------
         xr.Dataset
-            Tracks (see `vfm_sdm.datasets`) with one more variable, ``correlation`` (time, point): ZNCC [1].
+            Tracks (see `vfm_sdm.datasets`) with ``correlation`` (time, point): ZNCC [1], and ``half_difference``
+            (time, point, pixel): how far the right half of a subset moved beyond the left one [px], each tracked by
+            itself, in every fourth frame, else NaN.
 
         Raises
         ------
@@ -142,16 +145,19 @@ class IcgnTracker:
             Points lie outside the image, names are not distinct, or there is no such reference frame.
         """
         points = check_points(points2d, names, video)
-        records: list[_Record] = []
+        records: list[tuple[_Record, SubsetHalves]] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
                 bank = SubsetBank.prepare(reference, points, subset_px=self.subset_px, executor=executor)
-                records.append(_Record(bank, Follower(bank, reference, self.settings, executor)))
-                return records[0].advance
+                record = _Record(bank, Follower(bank, reference, self.settings, executor))
+                halves = SubsetHalves(reference, bank, executor)
+                records.append((record, halves))
+                return lambda luma: halves.advance(luma, record.advance(luma))
 
             time_s = follow_frames(video, reference_frame, begin, progress)
-        position, covariance, correlation, status = records[0].arrays()
+        record, halves = records[0]
+        position, covariance, correlation, status = record.arrays()
         # Reliability is judged here, where the covariances are known.
         lost = (status == Status.OK) & ~np.isfinite(covariance).all(axis=(2, 3))
         status[lost] = Status.LOST
@@ -167,7 +173,10 @@ class IcgnTracker:
             "subset_px": self.subset_px,
         }
         tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
-        return tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
+        return tracks.assign(
+            correlation=(("time", "point"), correlation, {"units": "1"}),
+            half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}),
+        )
 
 
 class _Record:
@@ -178,11 +187,13 @@ class _Record:
         self._open: list[tuple[RawRegistration, IntArray]] = []
         self._closed: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []
 
-    def advance(self, luma: LumaArray) -> None:
-        """Takes the next frame."""
-        self._open.append(self._follower.advance(luma))
+    def advance(self, luma: LumaArray) -> RawRegistration:
+        """Takes the next frame; returns what was found in it."""
+        found = self._follower.advance(luma)
+        self._open.append(found)
         if len(self._open) == _CHUNK:
             self._close()
+        return found[0]
 
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Positions (T, P, 2), covariances (T, P, 2, 2), correlations and status codes (T, P)."""
