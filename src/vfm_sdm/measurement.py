@@ -23,6 +23,7 @@ from vfm_sdm.errors import ResultsError
 from vfm_sdm.pipeline import Progress, audit_of, displacement_of, open_views, solve_cameras, track_views
 from vfm_sdm.plots import save_figures
 from vfm_sdm.results import (
+    describe_camera_motion,
     describe_clocks,
     describe_recording,
     describe_refinement,
@@ -222,6 +223,7 @@ class Run:
             },
             "recordings": {view: describe_recording(t) for view, t in tracks.items()},
             "clocks": {} if displacement is None else describe_clocks(displacement, list(tracks)),
+            "camera_motion": {} if displacement is None else describe_camera_motion(displacement, list(tracks)),
             "refinement": {} if displacement is None else describe_refinement(displacement),
             "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
             "reused_stages": list(self.reused),

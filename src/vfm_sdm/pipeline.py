@@ -12,6 +12,7 @@ import xarray as xr
 
 from vfm_sdm.arrays import FloatArray, LumaArray
 from vfm_sdm.audit import Audit, AuditInputs, audit
+from vfm_sdm.camera_motion import ViewMotion, remove_camera_motion
 from vfm_sdm.cameras.base import Matches, find_estimator
 from vfm_sdm.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.cameras.solution import CameraSolution
@@ -37,6 +38,7 @@ __all__ = [
     "displacement_of",
     "open_views",
     "solve_cameras",
+    "steady_tracks",
     "synchronize_tracks",
     "track_views",
 ]
@@ -168,6 +170,20 @@ def track_views(
     return tracks
 
 
+def steady_tracks(
+    session: Session, tracks: Mapping[str, xr.Dataset], solution: CameraSolution
+) -> tuple[Mapping[str, xr.Dataset], dict[str, ViewMotion]]:
+    """Tracks without the motion of the cameras that static points show, and that motion by view.
+
+    The tracks as they are, and nothing, where the session has no static point or keeps the motion.
+    """
+    static = [p.name for p in session.point if p.static]
+    if session.method.camera_motion == "keep" or not static or solution.rig is None or not solution.rig.metric:
+        return tracks, {}
+    found = remove_camera_motion(tracks, solution.rig, static)
+    return found.tracks, dict(found.views)
+
+
 def synchronize_tracks(
     session: Session, tracks: Mapping[str, xr.Dataset]
 ) -> tuple[xr.Dataset, dict[str, Synchronization]]:
@@ -211,6 +227,7 @@ def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution
         return _planar_displacement(session, tracks[session.view[0].name])
     if solution.rig is None:
         return None
+    tracks, motions = steady_tracks(session, tracks, solution)
     aligned, clocks = synchronize_tracks(session, tracks)
     refinement = None
     if session.method.refinement == "sgr":
@@ -244,6 +261,9 @@ def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution
             refinement_gain=None if refinement is None else refinement.gain,
         ),
     )
+    for view, motion in motions.items():
+        displacement.attrs[f"camera_motion_{view}"] = [motion.rms_before_px, motion.rms_after_px]
+        displacement.attrs[f"camera_motion_{view}_status"] = motion.status
     for view, clock in clocks.items():
         displacement.attrs[f"clock_{view}"] = [clock.offset_s, clock.lag_std_s, clock.rate_ratio]
         displacement.attrs[f"clock_{view}_status"] = clock.status
@@ -278,13 +298,31 @@ def audit_of(
     """
     if solution.rig is None or len(session.view) < 2:
         return None
-    aligned = synchronize_tracks(session, tracks)[0]
+    steady, motions = steady_tracks(session, tracks, solution)
+    aligned, clocks = synchronize_tracks(session, steady)
+    as_filmed = align_views(
+        tracks,
+        {view: clock.offset_s for view, clock in clocks.items() if clock.ok},
+        {view: clock.rate_ratio for view, clock in clocks.items() if clock.ok},
+    )
     unrefined = displacement
     if session.method.refinement != "none":
         interval = session.method.still_interval_s
         unrefined = compute_displacement(aligned, solution.rig, frame=solution.frame, still_interval_s=interval)
         unrefined["status"] = displacement["status"]
-    return audit(AuditInputs(session, solution, tracks, aligned, displacement, unrefined, frames or {}))
+    return audit(
+        AuditInputs(
+            session,
+            solution,
+            tracks,
+            as_filmed,
+            aligned,
+            displacement,
+            unrefined,
+            camera_motion=motions,
+            frames=frames or {},
+        )
+    )
 
 
 def _refine(session: Session, aligned: xr.Dataset, solution: CameraSolution) -> Refinement:

@@ -78,6 +78,7 @@ def test_the_run_folder_holds_everything(measured):
         "figures/trajectory_left.png",
         "figures/trajectory_right.png",
         "figures/displacement_a.png",
+        "figures/audit.png",
     } <= names
     assert not [n for n in names if n.startswith(".")]
     np.testing.assert_array_equal(
@@ -96,6 +97,11 @@ def test_the_summary_lets_a_reviewer_trace_the_figures(measured):
     assert lateral["peak_to_peak_mm"] == pytest.approx(np.ptp(TRUE_MM[:, 0]), abs=0.1)
     assert lateral["expanded_uncertainty_mm"] > 0
     assert summary["recordings"]["left"]["frames"] == FRAMES
+    checks = {check["name"]: check for check in summary["audit"]["checks"]}
+    assert summary["audit"]["verdict"] == measured[0].audit.verdict
+    assert checks["epipolar error in motion"]["outcome"] == "pass"
+    assert checks["halves of a subset"]["outcome"] == "pass"
+    assert checks["tripods"]["outcome"] == "not possible"
 
 
 def test_finished_stages_are_reused(recorded, measured, monkeypatch):

@@ -72,11 +72,12 @@ def test_a_wrong_baseline_alone_cannot_be_seen_and_the_audit_says_so():
     scale = found["scale by a spare length"]
     assert scale.outcome == Outcome.NOT_POSSIBLE
     assert "baseline" in scale.sentence
-    assert "Measure a further length" in scale.sentence
+    assert "Measure a range" in scale.sentence
 
 
-def test_a_good_spare_length_shows_a_wrong_baseline():
-    known = {"length_std": 0.002, "length_error": 0.0, "focal_std": 0.001, "focal_errors": (0.0, 0.0)}
+def test_good_spare_lengths_show_a_wrong_baseline():
+    known = {"length_std": 0.002, "length_error": 0.0, "range_std": 0.005, "range_error": 0.0}
+    known |= {"focal_std": 0.001, "focal_errors": (0.0, 0.0)}
     right = audited(simulate(3, **GOOD, **known, baseline_std=0.02, baseline_error=0.01))
     assert right["scale by a spare length"].outcome == Outcome.PASS
     assert right["scale by a spare length"].figure < 0.05

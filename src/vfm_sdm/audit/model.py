@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.arrays import FloatArray, LumaArray
+from vfm_sdm.camera_motion import ViewMotion
 from vfm_sdm.cameras.solution import CameraSolution
 from vfm_sdm.session import Session
 
-__all__ = ["Audit", "AuditCheck", "AuditInputs", "Outcome", "Verdict", "judge"]
+__all__ = ["Audit", "AuditCheck", "AuditInputs", "Outcome", "Verdict", "judge", "mean_of_known"]
 
 
 class Outcome(StrEnum):
@@ -112,12 +113,16 @@ class AuditInputs:
         Cameras, axes and the adjustment to the site.
     tracks
         By view, each on its own clock.
+    as_filmed
+        The same on one clock, with a dim ``view``.
     aligned
-        The same on one clock, before any refinement, with a dim ``view``.
+        The same without the motion of the cameras, as far as it was removed; before any refinement.
     displacement
         The result, with its budget.
     unrefined
         Displacement as the images alone give it; the same as ``displacement`` where nothing was refined.
+    camera_motion
+        Motion of the cameras by view; empty where it was not looked for.
     frames
         First frame of every view; without, nothing that needs images is checked.
     """
@@ -125,9 +130,11 @@ class AuditInputs:
     session: Session
     cameras: CameraSolution
     tracks: Mapping[str, xr.Dataset]
+    as_filmed: xr.Dataset
     aligned: xr.Dataset
     displacement: xr.Dataset
     unrefined: xr.Dataset
+    camera_motion: Mapping[str, ViewMotion] = field(default_factory=dict)
     frames: Mapping[str, LumaArray] = field(default_factory=dict)
 
     @property
@@ -151,8 +158,15 @@ class AuditInputs:
         chosen = self.aligned.sel(view=view, point=self.moving)
         with np.errstate(invalid="ignore"):
             variance = chosen["position"].var("time").sum("pixel", skipna=False).values
-        noise = np.einsum("tpii->tpi", chosen["position_covariance"].values).sum(axis=-1)
-        return np.asarray(np.sqrt(np.maximum(variance - np.nanmean(noise, axis=0), 0.0)))
+        noise = np.einsum("tpii->tp", chosen["position_covariance"].values)
+        return np.asarray(np.sqrt(np.maximum(variance - mean_of_known(noise), 0.0)))
+
+
+def mean_of_known(values: FloatArray) -> FloatArray:
+    """Mean over the first axis of what is not NaN; NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def judge(

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.arrays import BoolArray, FloatArray, unbroken_runs
-from vfm_sdm.audit.model import AuditCheck, AuditInputs, Outcome, judge
+from vfm_sdm.audit.model import AuditCheck, AuditInputs, Outcome, judge, mean_of_known
 from vfm_sdm.datasets import Status
 
 __all__ = [
@@ -147,21 +147,30 @@ def check_static_points(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
-    """Motion in the picture that a view's static points have in common, as a share of the structure's."""
+    """Motion in the picture that a view's static points have in common, as a share of the structure's.
+
+    What was removed with the static points' help counts by what the removal left, and is a caution in any case.
+    """
     name = "tripods"
     if not inputs.static:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _STILL_CAUTION, "1", _NO_STATIC)
-    found = {}
-    for view in (str(v) for v in inputs.aligned["view"].values):
-        motion = float(np.nanmax(inputs.motion_px(view)))
+    left, removed = {}, {}
+    for view in (str(v) for v in inputs.as_filmed["view"].values):
+        structure = float(np.nanmax(inputs.motion_px(view), initial=0.0))
         common, noise = _common_static(inputs, view)
-        if motion > 0 and len(common):
-            excess = np.sqrt(max(float(common.var(axis=0).sum()) - (_NOISE_TRUST * noise) ** 2, 0.0))
-            found[view] = float(excess / motion)
-    worst = max(found, key=lambda key: found[key], default="")
-    return judge(
+        if not (structure > 0 and len(common)):
+            continue
+        moved = float(np.sqrt(max(float(common.var(axis=0).sum()) - (_NOISE_TRUST * noise) ** 2, 0.0)) / structure)
+        motion = inputs.camera_motion.get(view)
+        left[view] = moved
+        if motion is not None and motion.applied and moved >= _STILL_CAUTION:
+            removed[view] = motion
+            # A single static point cannot show what its correction leaves.
+            left[view] = motion.rms_after_px / structure if np.isfinite(motion.rms_after_px) else _STILL_CAUTION
+    worst = max(left, key=lambda key: left[key], default="")
+    check = judge(
         name,
-        found.get(worst, float("nan")),
+        left.get(worst, float("nan")),
         caution=_STILL_CAUTION,
         fail=_STILL_FAIL,
         units="1",
@@ -169,6 +178,14 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
         bad=f"camera {worst!r} moved: what stands still moves in its picture",
         where=worst,
     )
+    if not removed or check.outcome == Outcome.FAIL:
+        return check
+    view, motion = max(removed.items(), key=lambda pair: pair[1].rms_before_px)
+    sentence = (
+        f"camera {view!r} moved: {motion.rms_before_px:.2f} px (rms) were removed with the help of "
+        f"{len(motion.static)} static points, {motion.rms_after_px:.2f} px are left"
+    )
+    return AuditCheck(name, Outcome.CAUTION, check.figure, _STILL_CAUTION, "1", sentence, view)
 
 
 def check_stabilization(inputs: AuditInputs) -> AuditCheck:
@@ -177,13 +194,13 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
     if not inputs.static:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _FOLLOWS_CAUTION, "1", _NO_STATIC)
     found = {}
-    for view in (str(v) for v in inputs.aligned["view"].values):
+    for view in (str(v) for v in inputs.as_filmed["view"].values):
         motion = inputs.motion_px(view)
         common, _ = _common_static(inputs, view)
         if not len(common) or not np.nanmax(motion, initial=0.0) > 0:
             continue
         point = inputs.moving[int(np.nanargmax(motion))]
-        structure = _centred(inputs.aligned.sel(view=view, point=point)["position"].values)
+        structure = _centred(inputs.as_filmed.sel(view=view, point=point)["position"].values)
         known = np.isfinite(structure).all(axis=1) & np.isfinite(common).all(axis=1)
         a, b = structure[known].ravel(), common[known].ravel()
         if len(a) < 20 or not (a.std() > 0 and b.std() > 0):
@@ -258,7 +275,7 @@ def _moves(track: xr.Dataset) -> BoolArray:
 
 def _noise(track: xr.Dataset) -> float:
     """Mean stated variance of a track, u and v together [px2]."""
-    return float(np.nanmean(np.einsum("tii->ti", track["position_covariance"].values).sum(axis=1)))
+    return float(mean_of_known(np.einsum("tii->t", track["position_covariance"].values)))
 
 
 def _centred(position: FloatArray) -> FloatArray:
@@ -267,7 +284,7 @@ def _centred(position: FloatArray) -> FloatArray:
 
 def _common_static(inputs: AuditInputs, view: str) -> tuple[FloatArray, float]:
     """Mean motion of a view's static points, shape (T, 2) [px], and its noise, u and v together [px]."""
-    chosen = inputs.aligned.sel(view=view, point=inputs.static)
+    chosen = inputs.as_filmed.sel(view=view, point=inputs.static)
     known = np.isfinite(chosen["position"].values).all(axis=(1, 2))
     if known.sum() < 10:
         return np.empty((0, 2)), float("nan")

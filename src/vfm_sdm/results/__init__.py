@@ -3,6 +3,7 @@
 from vfm_sdm.results.exports import write_mat, write_uff
 from vfm_sdm.results.netcdf import read_displacement, read_tracks, write_displacement, write_tracks
 from vfm_sdm.results.notes import (
+    describe_camera_motion,
     describe_clocks,
     describe_recording,
     describe_refinement,
@@ -12,6 +13,7 @@ from vfm_sdm.results.notes import (
 from vfm_sdm.results.summary import dominant_frequency, read_summary, summarize_displacement, write_json, write_summary
 
 __all__ = [
+    "describe_camera_motion",
     "describe_clocks",
     "describe_recording",
     "describe_refinement",

@@ -10,6 +10,7 @@ from vfm_sdm.synchronize import LagStatus
 from vfm_sdm.uncertainty import COMPONENTS
 
 __all__ = [
+    "describe_camera_motion",
     "describe_clocks",
     "describe_recording",
     "describe_refinement",
@@ -57,6 +58,17 @@ def describe_clocks(displacement: xr.Dataset, views: list[str]) -> dict[str, Any
             status = displacement.attrs[f"clock_{view}_status"]
             clocks[view] = {"status": status, "offset_s": offset, "offset_std_s": std, "rate_ratio": ratio}
     return clocks
+
+
+def describe_camera_motion(displacement: xr.Dataset, views: list[str]) -> dict[str, Any]:
+    """What the static points show of each camera's motion, by view; empty where it was not looked for."""
+    motions = {}
+    for view in views:
+        if f"camera_motion_{view}_status" in displacement.attrs:
+            before, after = (float(value) for value in displacement.attrs[f"camera_motion_{view}"])
+            status = displacement.attrs[f"camera_motion_{view}_status"]
+            motions[view] = {"status": status, "static_rms_before_px": before, "static_rms_after_px": after}
+    return motions
 
 
 def describe_refinement(displacement: xr.Dataset) -> dict[str, Any]:

@@ -206,6 +206,8 @@ class Method(Entry):
     refinement: Literal["none", "sgr"] = "none"
     synchronization: Literal["motion", "none"] = "motion"
     """Whether the offset between views is estimated from the points' motion, or taken as stated."""
+    camera_motion: Literal["remove", "keep"] = "remove"
+    """Whether motion of the cameras that static points show is taken out of the tracks, where that is sure to help."""
     sgr: Sgr = Sgr()
     still_interval_s: Annotated[tuple[Number, Number], AfterValidator(_increasing)] | None = None
     """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""

@@ -151,7 +151,7 @@ class Renderer:
         face[around[0] : around[1]] = self.face_at_rest[around[0] : around[1]]
         arrays, tables = self._arrays.plain(), self._stations.in_face_axes(values)
         reached, alone, front = self._plan
-        plan = (reached, alone, self._tiles.shifts(values, self._stations), self._moving, front)
+        plan = (reached, alone, self._tiles.shifts(values, self._stations, around), self._moving, front)
         # Small chunks of rows, because most of the work is in some of them.
         with parallel_chunksize(_CHUNK_ROWS):
             move_pixels(arrays, tables, plan, luma, face, edges, around)
@@ -266,10 +266,13 @@ class _MovingTiles:
         longitudinal[seen] = points[:, 2]
         self._longitudinal = longitudinal[tuple(nearest)]
 
-    def shifts(self, values: FloatArray, stations: "_Stations") -> FloatArray:
-        """Shift of moving points in each tile, shape (tiles_v, tiles_u, 2) [px]."""
-        displacement = stations.near(values, self._longitudinal)
-        return np.ascontiguousarray(np.einsum("tuij,tuj->tui", self._jacobian, displacement))
+    def shifts(self, values: FloatArray, stations: "_Stations", rows: tuple[int, int]) -> FloatArray:
+        """Shift of moving points in each tile, shape (tiles_v, tiles_u, 2) [px]; zero but in these rows of pixels."""
+        shifts = np.zeros(self._jacobian.shape[:3])
+        band = slice(rows[0] // TILE, -(-rows[1] // TILE))
+        displacement = stations.near(values, self._longitudinal[band])
+        shifts[band] = np.einsum("tuij,tuj->tui", self._jacobian[band], displacement)
+        return shifts
 
     def spread_px(self, reach_m: float) -> int:
         """Bound on how far shifts differ between points that are near each other in the image [px]."""
