@@ -67,23 +67,21 @@ def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
 
 
 def audit_report(audit: Audit) -> Iterator[RenderableType]:
-    """What did not pass or could not be checked, with the figure and its limit, and the verdict in the last line."""
-    table = Table(title="Audit", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("check", "outcome", "figure", "limit", "meaning"):
-        table.add_column(Text(name), justify="right" if name in ("figure", "limit") else "left")
-    hidden = [check for check in audit.checks if check.outcome is Outcome.PASS]
-    for check in (*audit.flagged, *(c for c in audit.checks if c.outcome is Outcome.NOT_POSSIBLE)):
-        figure, limit = (_number(value, "{:.3g}") for value in (check.figure, check.limit))
-        units = "" if check.units in ("", "1") or figure == "-" else f" {check.units}"
-        style = {Outcome.FAIL: "red", Outcome.CAUTION: "yellow"}.get(check.outcome)
-        table.add_row(check.name, str(check.outcome), figure + units, limit + units, check.sentence, style=style)
-    if table.row_count:
-        yield table
+    """What did not pass or could not be checked, a paragraph each, and the verdict in the last line."""
+    yield Text("Audit", style="italic")
+    unchecked = [check for check in audit.checks if check.outcome is Outcome.NOT_POSSIBLE]
+    for check in (*audit.flagged, *unchecked):
+        style = {Outcome.FAIL: "red", Outcome.CAUTION: "yellow"}.get(check.outcome, "")
+        figure = ""
+        if np.isfinite(check.figure):
+            units = "" if check.units in ("", "1") else f" {check.units}"
+            figure = f" {check.figure:.3g}{units} (limit {check.limit:.3g}{units})"
+        yield Text(f" {check.outcome}: {check.name}{figure}: {check.sentence}", style=style)
+    passed = sum(check.outcome is Outcome.PASS for check in audit.checks)
     colour = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.REFUSED: "red"}[audit.verdict]
     reasons = f": {'; '.join(check.name for check in audit.flagged)}" if audit.flagged else ""
     yield Text(
-        f"verdict: {audit.verdict}{reasons} ({len(hidden)} of {len(audit.checks)} checks passed)",
-        style=f"bold {colour}",
+        f"verdict: {audit.verdict}{reasons} ({passed} of {len(audit.checks)} checks passed)", style=f"bold {colour}"
     )
 
 

@@ -40,7 +40,6 @@ _CHECKS = (
     check_signal,
     check_gain,
     check_recording,
-    check_refinement,
 )
 
 
@@ -57,4 +56,5 @@ def audit(inputs: AuditInputs) -> Audit:
     Nothing here compares with a reference, so what moves all cameras, points and lengths alike stays unseen: above all
     a wrong baseline where no other length was measured, which the check of the scale says.
     """
-    return Audit(tuple(check(inputs) for check in _CHECKS))
+    refined = inputs.session.method.refinement != "none"
+    return Audit(tuple(check(inputs) for check in (*_CHECKS, *([check_refinement] if refined else []))))

@@ -13,7 +13,6 @@ _SIGNIFICANT = 4.0
 _LAG_CAUTION_S, _LAG_FAIL_S = 0.004, 0.02
 """At 3 Hz an offset of 4 ms moves one view against the other by 8 % of the amplitude."""
 _SHORTEST_HALF_S = 4.0
-_NO_MOTION = "the points do not move enough together to tell"
 
 
 def check_synchronization(inputs: AuditInputs) -> AuditCheck:
@@ -23,10 +22,11 @@ def check_synchronization(inputs: AuditInputs) -> AuditCheck:
     if unknown:
         bad = f"nobody knows when {unknown[0]!r} began: neither the motion nor the session tells its offset"
         return AuditCheck(name, Outcome.FAIL, float("nan"), _LAG_CAUTION_S, "s", bad, unknown[0])
-    left = {view: _significant(lag) for view, lag in _lags(inputs, inputs.aligned).items() if lag.ok}
+    lags = _lags(inputs, inputs.aligned)
+    left = {view: _significant(lag) for view, lag in lags.items() if lag.ok}
     worst = max(left, key=lambda key: left[key], default="")
-    if not left and len(inputs.tracks) > 1:
-        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", _NO_MOTION)
+    if not left:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", _silent(*lags.values()))
     return judge(
         name,
         left.get(worst, float("nan")),
@@ -50,7 +50,8 @@ def check_drift(inputs: AuditInputs) -> AuditCheck:
     first, second = (_lags(inputs, half) for half in halves)
     found = {view: _significant(first[view], second[view]) for view in first if first[view].ok and second[view].ok}
     if not found:
-        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", _NO_MOTION)
+        both = _silent(*first.values(), *second.values())
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", both)
     worst = max(found, key=lambda key: found[key])
     return judge(
         name,
@@ -78,6 +79,11 @@ def _lags(inputs: AuditInputs, aligned: xr.Dataset) -> dict[str, Synchronization
         )
         for view in others
     }
+
+
+def _silent(*lags: Synchronization) -> str:
+    """Why the motion tells no lag."""
+    return f"the motion does not tell: {next((lag.status for lag in lags if not lag.ok), LagStatus.NO_MOTION)}"
 
 
 def _significant(lag: Synchronization, other: Synchronization | None = None) -> float:

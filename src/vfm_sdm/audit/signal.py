@@ -109,8 +109,6 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
 def check_refinement(inputs: AuditInputs) -> AuditCheck:
     """Share of points that could not be refined as asked."""
     name = "refinement"
-    if inputs.session.method.refinement == "none":
-        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), 0.0, "1", "no refinement was asked for")
     refused = {
         str(point): status
         for point, status in zip(
