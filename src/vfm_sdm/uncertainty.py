@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
+from scipy.stats import norm
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.arrays import BoolArray, FloatArray
 from vfm_sdm.datasets import Status, check_displacement, check_tracks
 from vfm_sdm.errors import DatasetError
 
@@ -23,6 +24,10 @@ COVERAGE_FACTOR = 2.0
 _BITS = np.array([0.07, 0.31, 1.26, 2.81])
 _GAIN_LOSS = np.array([0.020, 0.012, 0.007, 0.001])
 _FEWEST_SAMPLES = 10
+_CHANCE = 0.05
+"""How often noise alone may pass for motion at some frequency of a series."""
+_SIGNIFICANT = 2.0
+"""Standard deviations beyond which a series holds more than its noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +89,11 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     - synchronization: an offset wrong by tau moves view v's pixels by ``velocity tau``: ``|J_v velocity_v| tau``;
     - assumption: true motion z along the suppressed axis is missing there and leaks into the others, by the column of
       the refinement's gain for that axis, less 1 on the diagonal. z is not known; its variance is what the baseline's
-      displacement along that axis has beyond its stated noise, at least the uncertainty of that noise;
+      displacement along that axis has beyond its stated noise, at the frequencies at which the point is seen to move
+      along any axis. The variance of noise at m of these frequencies is known to ``sqrt(1 / m)`` of itself, and that
+      of z is not negative: it is stated as its expectation under both. Where the whole series has significantly more
+      than noise, all of that counts. What an offset of the clocks within its standard deviation explains of z is taken
+      off first: it follows the velocity, while motion in a mode is in phase along all axes;
     - compression: `compression_gain_std` of the poorest view, times ``|d|``.
 
     Components are taken as independent and add as squares. All but the first are systematic: they do not average out
@@ -101,7 +110,7 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
             np.maximum(np.einsum("tpb,pabc,tpc->tpa", values, displacement["gain_covariance"].values, values), 0.0)
         ),
         "synchronization": _of_clocks(displacement, tracks, inputs.clock_std_s),
-        "assumption": _of_assumption(displacement, inputs),
+        "assumption": _of_assumption(displacement, tracks, inputs),
         "compression": compression_gain_std(min(inputs.bits_per_pixel.values(), default=np.inf)) * np.abs(values),
     }
     budget = np.stack([parts[name] for name in COMPONENTS])
@@ -132,14 +141,19 @@ def compression_gain_std(bits_per_pixel: float) -> float:
 
 def _of_clocks(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mapping[str, float]) -> FloatArray:
     """Standard deviation from the views' offsets, shape (T, P, 3) [mm]."""
-    variance = np.zeros(displacement["displacement"].shape)
+    return np.asarray(np.sqrt(np.sum(_clock_patterns(displacement, tracks, clock_std_s) ** 2, axis=0)))
+
+
+def _clock_patterns(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mapping[str, float]) -> FloatArray:
+    """What each view's offset, wrong by its standard deviation, does to the displacement, (V, T, P, 3) [mm]."""
+    patterns = np.zeros((tracks.sizes["view"], *displacement["displacement"].shape))
     for number, view in enumerate(tracks["view"].values):
         tau = clock_std_s.get(str(view), 0.0)
         if tau != 0:
             velocity = _velocity(tracks["position"].values[number], tracks["time"].values)
             shift = np.einsum("pak,tpk->tpa", displacement["pixel_sensitivity"].values[:, :, number], velocity)
-            variance += (tau * np.nan_to_num(shift)) ** 2
-    return np.sqrt(variance)
+            patterns[number] = tau * np.nan_to_num(shift)
+    return patterns
 
 
 def _velocity(position: FloatArray, time_s: FloatArray) -> FloatArray:
@@ -152,7 +166,7 @@ def _velocity(position: FloatArray, time_s: FloatArray) -> FloatArray:
     return velocity
 
 
-def _of_assumption(displacement: xr.Dataset, inputs: BudgetInputs) -> FloatArray:
+def _of_assumption(displacement: xr.Dataset, tracks: xr.Dataset, inputs: BudgetInputs) -> FloatArray:
     """Standard deviation from motion along the suppressed axis, shape (T, P, 3) [mm]."""
     result = np.zeros(displacement["displacement"].shape)
     if inputs.baseline is None or inputs.refinement_gain is None:
@@ -160,19 +174,62 @@ def _of_assumption(displacement: xr.Dataset, inputs: BudgetInputs) -> FloatArray
     before, name = inputs.baseline
     axis = [str(a) for a in displacement["axis"].values].index(name)
     removed = inputs.refinement_gain - np.eye(3)
+    patterns = _clock_patterns(before, tracks, inputs.clock_std_s)[..., axis]
     for point in range(result.shape[1]):
         if np.isfinite(removed[point]).all():
-            hidden = _hidden_motion(before.isel(point=point, axis=axis))
+            hidden = _hidden_motion(before.isel(point=point), axis, patterns[:, :, point])
             result[:, point] = np.abs(removed[point, :, axis]) * hidden
     return result
 
 
-def _hidden_motion(series: xr.Dataset) -> float:
-    """Standard deviation of the motion that a noisy series may hold [mm]."""
-    ok = (series["status"].values == Status.OK) & np.isfinite(series["displacement"].values)
+def _hidden_motion(before: xr.Dataset, axis: int, patterns: FloatArray) -> float:
+    """Standard deviation of the motion that one point's noisy series along an axis may hold [mm].
+
+    Parameters
+    ----------
+    patterns
+        What a standard deviation of each clock does to the series, shape (V, T) [mm].
+    """
+    values = before["displacement"].values
+    ok = (before["status"].values == Status.OK) & np.isfinite(values).all(axis=-1)
     if ok.sum() < _FEWEST_SAMPLES:
         return float("nan")
-    noise = float(np.mean(series["displacement_std"].values[ok] ** 2))
-    excess = float(np.var(series["displacement"].values[ok])) - noise
-    # The variance of n samples of noise is known to sqrt(2 / n) of itself.
-    return float(np.sqrt(max(excess, noise * np.sqrt(2 / ok.sum()))))
+    noise = np.mean(before["displacement_std"].values[ok] ** 2, axis=0)
+    centred = np.where(ok[:, None], values - values[ok].mean(axis=0), 0.0)
+    centred[:, axis] = _without_patterns(centred[:, axis], patterns.T * ok[:, None], noise[axis])
+    # One-sided: the frequencies above zero sum up to the variance.
+    power = 2 * np.abs(np.fft.rfft(centred[:, axis])[1:]) ** 2 / (len(values) * ok.sum())
+    moving = _moving_frequencies(centred, noise * ok.sum())
+
+    def excess(chosen: BoolArray) -> tuple[float, float]:
+        part = float(noise[axis] * np.mean(chosen))
+        return float(power[chosen].sum()) - part, part * float(np.sqrt(2 / (np.mean(chosen) * ok.sum())))
+
+    found, doubt = excess(np.ones_like(moving))
+    if moving.any() and found < _SIGNIFICANT * doubt:
+        found, doubt = excess(moving)
+    return float(np.sqrt(_not_negative(found, doubt)))
+
+
+def _without_patterns(series: FloatArray, patterns: FloatArray, noise: float) -> FloatArray:
+    """The series (T,) less what is most probably made by patterns (T, V), whose factors are standard normal."""
+    patterns = patterns[:, (np.isfinite(patterns) & (patterns != 0)).any(axis=0)]
+    normal = patterns.T @ patterns + noise * np.eye(patterns.shape[1])
+    return np.asarray(series - patterns @ np.linalg.solve(normal, patterns.T @ series))
+
+
+def _moving_frequencies(centred: FloatArray, noise_energy: FloatArray) -> BoolArray:
+    """Frequencies above zero at which motion stands out of white noise, in any column of (T, n)."""
+    taper = np.hanning(len(centred) + 2)[1:-1, None]
+    power = np.abs(np.fft.rfft(centred * taper, axis=0)[1:]) ** 2
+    limit = np.log(len(power) / _CHANCE) * noise_energy * np.mean(taper**2)
+    return np.asarray((power > limit).any(axis=1))
+
+
+def _not_negative(value: float, std: float) -> float:
+    """Expectation of a quantity above zero, of which a measurement with normal error is known."""
+    if std == 0:
+        return max(value, 0.0)
+    score = value / std
+    # The inverse Mills ratio; in logarithms, because both may underflow.
+    return value + std * float(np.exp(norm.logpdf(score) - norm.logcdf(score)))

@@ -30,6 +30,8 @@ _CHANCE = 1e-3
 """Probability with which two unrelated recordings of noise may pass for related."""
 _PRIOR_REACH = 4.0
 """Standard deviations around a start value that are searched."""
+_LEAST_SEARCH = 4.0
+"""Samples on either side of a start value that are searched at least."""
 _PRIOR_PREFERENCE = 9.0
 """Difference of squared standardised distances from the start value that decides between equal peaks."""
 
@@ -166,7 +168,8 @@ def estimate_lag(
     first = prepare_signal(time_a, values_a, rate_hz=max(rates), band_hz=band)
     second = prepare_signal(time_b, values_b, rate_hz=max(rates), band_hz=band)
     if start_std_s is not None:
-        search_s = min(search_s, _PRIOR_REACH * start_std_s)
+        # A peak is seen only with its neighbours, however well the start is known.
+        search_s = min(search_s, max(_PRIOR_REACH * start_std_s, _LEAST_SEARCH / min(rates)))
     lags, dependence = _search(first, second, groups, start_lag_s, search_s, positive_gain)
     if not np.isfinite(dependence).any():
         return _failed(LagStatus.TOO_SHORT)
