@@ -51,6 +51,14 @@ def test_a_fault_is_found_by_the_right_check(fault):
     assert found_by_the_right_check(fault, 1)
 
 
+def test_a_stabilised_video_is_refused_unless_static_points_take_it_out():
+    run = FAULTS["stabilised video"][0](2)
+    assert audited(run)["stabilised video"].outcome == Outcome.CAUTION
+    method = run.session.method.model_copy(update={"camera_motion": "keep"})
+    kept = replace(run, session=run.session.model_copy(update={"method": method}))
+    assert audited(kept)["stabilised video"].outcome == Outcome.FAIL
+
+
 @pytest.mark.slow
 def test_at_most_two_of_a_hundred_good_measurements_are_refused():
     verdicts = Counter(audited(good_run(seed), refinement=refinement(seed)).verdict for seed in range(100))
@@ -187,11 +195,11 @@ def test_a_check_is_loaded_by_its_figure_over_its_limit():
 
 
 def test_figure_table_and_report_show_every_check():
-    found = audited(FAULTS["stabilised video"][0](1))
+    found = audited(FAULTS["a frozen track"][0](1))
     table = found.as_table()
     assert json.loads(json.dumps(table))["verdict"] == "do not use"
     axes = plot_audit(found)
     assert [label.get_text() for label in axes.get_yticklabels()] == [f"{c.name}: {c.outcome}" for c in found.checks]
     lines = [str(part) for part in audit_report(found)]
     assert lines[-1].startswith("verdict: do not use: ")
-    assert "stabilised video" in lines[-1]
+    assert "frozen tracks" in lines[-1]

@@ -1,5 +1,7 @@
 """Checks of tracks and of the cameras that took them: lost, frozen and slipping points, and what must not move."""
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 
@@ -210,7 +212,7 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
         left = abs(share) / (1 - share) if share < 0 else abs(share)
         found[view] = left if abs(correlation) >= _FOLLOWS_CORRELATION else 0.0
     worst = max(found, key=lambda key: found[key], default="")
-    return judge(
+    check = judge(
         name,
         found.get(worst, float("nan")),
         caution=_FOLLOWS_CAUTION,
@@ -220,6 +222,19 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
         bad=f"the picture of {worst!r} follows the structure: the camera stabilises. Switch it off and film again",
         where=worst,
     )
+    following = [view for view, share in found.items() if share >= _FOLLOWS_CAUTION]
+    if check.outcome == Outcome.FAIL and all(_taken_out(inputs, view) for view in following):
+        sentence = f"{check.where!r} stabilises its picture; the static points took it out, but switch it off next time"
+        return replace(check, outcome=Outcome.CAUTION, sentence=sentence)
+    return check
+
+
+def _taken_out(inputs: AuditInputs, view: str) -> bool:
+    """Whether the static points removed a view's motion, and hardly any of it is left in them."""
+    motion = inputs.camera_motion.get(view)
+    if motion is None or not motion.applied or not np.isfinite(motion.rms_after_px):
+        return False
+    return motion.rms_after_px < _STILL_CAUTION * float(np.nanmax(inputs.motion_px(view)))
 
 
 def check_halves(inputs: AuditInputs) -> AuditCheck:
