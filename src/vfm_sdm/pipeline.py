@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
+from vfm_sdm.agreement import compute_gain_difference
 from vfm_sdm.arrays import FloatArray, LumaArray
 from vfm_sdm.audit import Audit, AuditInputs, audit
 from vfm_sdm.camera_motion import ViewMotion, remove_camera_motion
@@ -249,15 +250,15 @@ def displacement_of(session: Session, tracks: Mapping[str, xr.Dataset], solution
             "refinement": session.method.refinement,
         },
     )
+    unrefined = displacement if refinement is None else compute(aligned, covariance=None)
     displacement = add_uncertainty(
         displacement,
         BudgetInputs(
             aligned,
             clock_std_s={view.name: _clock_std(session, view, clocks) for view in session.view[1:]},
             bits_per_pixel={view: float(t.attrs.get("decode_bits_per_pixel", np.inf)) for view, t in tracks.items()},
-            baseline=None
-            if refinement is None
-            else (compute(aligned, covariance=None), session.method.sgr.suppressed_axis),
+            gain_difference=compute_gain_difference(aligned, unrefined, solution.rig, solution.frame),
+            baseline=None if refinement is None else (unrefined, session.method.sgr.suppressed_axis),
             refinement_gain=None if refinement is None else refinement.gain,
         ),
     )

@@ -43,6 +43,9 @@ class BudgetInputs:
         have none.
     bits_per_pixel
         Size of each view's recording by view name; views that are not named count as not compressed.
+    gain_difference
+        By how much more one view shows of each point's motion than the other
+        (`vfm_sdm.agreement.compute_gain_difference`), shape (P,) [1]; NaN where that is not known.
     baseline
         Displacement from the same tracks without refinement, and the axis that the refinement suppresses; ``None``
         when there was no refinement.
@@ -54,6 +57,7 @@ class BudgetInputs:
     tracks: xr.Dataset
     clock_std_s: Mapping[str, float] = field(default_factory=dict)
     bits_per_pixel: Mapping[str, float] = field(default_factory=dict)
+    gain_difference: FloatArray | None = None
     baseline: tuple[xr.Dataset, str] | None = None
     refinement_gain: FloatArray | None = None
 
@@ -94,7 +98,8 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
       of z is not negative: it is stated as its expectation under both. Where the whole series has significantly more
       than noise, all of that counts. What an offset of the clocks within its standard deviation explains of z is taken
       off first: it follows the velocity, while motion in a mode is in phase along all axes;
-    - compression: `compression_gain_std` of the poorest view, times ``|d|``.
+    - compression: `compression_gain_std` of the poorest view, times ``|d|``; at least half of what one view shows
+      more than the other, because noise takes bits too, and a dark view loses more than its size tells.
 
     Components are taken as independent and add as squares. All but the first are systematic: they do not average out
     over a series.
@@ -111,7 +116,7 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
         ),
         "synchronization": _of_clocks(displacement, tracks, inputs.clock_std_s),
         "assumption": _of_assumption(displacement, tracks, inputs),
-        "compression": compression_gain_std(min(inputs.bits_per_pixel.values(), default=np.inf)) * np.abs(values),
+        "compression": _compressed_gain_std(inputs)[..., None] * np.abs(values),
     }
     budget = np.stack([parts[name] for name in COMPONENTS])
     combined = np.sqrt(np.sum(budget**2, axis=0))
@@ -137,6 +142,14 @@ def compression_gain_std(bits_per_pixel: float) -> float:
     if bits_per_pixel > _BITS[-1]:
         return float(_GAIN_LOSS[-1] * _BITS[-1] / bits_per_pixel)
     return float(np.interp(np.log(max(bits_per_pixel, 1e-9)), np.log(_BITS), _GAIN_LOSS))
+
+
+def _compressed_gain_std(inputs: BudgetInputs) -> FloatArray:
+    """Relative standard deviation of the gain of each point's motion in compressed recordings, shape (P,) or () [1]."""
+    by_size = compression_gain_std(min(inputs.bits_per_pixel.values(), default=np.inf))
+    if by_size == 0 or inputs.gain_difference is None:
+        return np.asarray(by_size)
+    return np.fmax(by_size, np.abs(inputs.gain_difference) / 2)
 
 
 def _of_clocks(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mapping[str, float]) -> FloatArray:

@@ -17,7 +17,6 @@ from vfm_sdm.synchronize import (
     estimate_view_lag,
     synchronize_views,
 )
-from vfm_sdm.synchronize.resampling import compute_noise_kept
 
 
 def moving_tracks(time_s, *, shift_s=0.0, points=("p",), status=None):
@@ -50,26 +49,6 @@ def test_an_offset_is_taken_out_without_touching_the_amplitude(shift_s):
     difference = both["position"].values[1] - both["position"].values[0]
     assert np.nanmax(np.abs(difference[3:-3])) < 2e-3
     assert np.isfinite(difference).mean() > 0.97
-
-
-def test_interpolation_averages_noise_and_the_covariance_says_so():
-    rng = np.random.default_rng(0)
-    shift_s = 0.3 / 60
-    noisy = moving_tracks(CLOCK, shift_s=shift_s, points=tuple(f"p{n}" for n in range(400)))
-    noisy["position"] = noisy["position"] + rng.normal(0, 0.01, noisy["position"].shape)
-    both = align_views({"left": moving_tracks(CLOCK, points=noisy["point"].values), "right": noisy}, {"right": shift_s})
-    found = both["position"].values[1, 20:-20].var(axis=1).mean()
-    stated = both["position_covariance"].values[1, 20:-20, :, 0, 0].mean()
-    np.testing.assert_allclose(stated, found, rtol=0.02)
-    assert found < 0.92 * 0.01**2
-
-
-def test_noise_at_the_samples_is_kept_whole():
-    clock = np.arange(60) / 30
-    np.testing.assert_allclose(compute_noise_kept(clock, clock), 1.0, atol=1e-12)
-    half = compute_noise_kept(clock, clock[:-1] + 0.5 / 30)
-    np.testing.assert_allclose(half, half[0])
-    assert half[0] < compute_noise_kept(clock, clock[:1] + 0.25 / 30)[0] < 1
 
 
 def test_only_the_common_time_is_kept():

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vfm_sdm.agreement import compute_gain_difference
 from vfm_sdm.arrays import FloatArray
 from vfm_sdm.audit.model import AuditCheck, AuditInputs, Outcome, judge
 from vfm_sdm.cameras.site import NOT_CONVERGED, NOT_IDENTIFIABLE, SiteQuantity
@@ -117,12 +118,12 @@ def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
 
 def check_agreement(inputs: AuditInputs) -> AuditCheck:
     """Vertical motion from each view alone: how much more one of them shows."""
-    name, axis = "left and right", "vertical"
-    found: dict[str, float] = {}
-    if axis in inputs.unrefined["axis"].values and inputs.cameras.rig is not None and inputs.cameras.frame is not None:
-        for point in inputs.moving:
-            found[point] = _gain_difference(inputs, point)
-    known = {p: g for p, g in found.items() if np.isfinite(g)}
+    name, rig = "left and right", inputs.cameras.rig
+    known: dict[str, float] = {}
+    if rig is not None:
+        of_moving = inputs.aligned.sel(point=inputs.moving), inputs.unrefined.sel(point=inputs.moving)
+        found = np.abs(compute_gain_difference(*of_moving, rig, inputs.cameras.frame))
+        known = {p: float(g) for p, g in zip(inputs.moving, found, strict=True) if np.isfinite(g)}
     worst = max(known, key=lambda key: known[key], default="")
     return judge(
         name,
@@ -168,32 +169,3 @@ def _epipolar_variance(inputs: AuditInputs, point: str) -> float:
     covariance = inputs.aligned.sel(point=point)["position_covariance"].values
     # The error is a unit combination of all coordinates: the largest one bounds it.
     return float(np.nanmean(np.linalg.eigvalsh(np.nan_to_num(covariance))[..., -1].max(axis=0)))
-
-
-def _gain_difference(inputs: AuditInputs, point: str) -> float:
-    """Relative difference of vertical motion from either view; NaN where it is within the noise."""
-    rig, frame = inputs.cameras.rig, inputs.cameras.frame
-    if rig is None or frame is None or len(rig) < 2:
-        return float("nan")
-    series = inputs.unrefined.sel(point=point)
-    ok = series["status"].values == Status.OK
-    motion = series["displacement"].values[ok] / 1e3
-    if len(motion) < 10:
-        return float("nan")
-    rest = series["position"].values[ok].mean(axis=0)
-    alone = []
-    for number in (0, 1):
-        # Image rows per metre along each axis, at the point.
-        step = 1e-4
-        rows = rig.cameras[number].project((rest + step * np.vstack([np.zeros(3), np.eye(3)])) @ frame.rotation)[:, 1]
-        slope = (rows[1:] - rows[0]) / step
-        seen = inputs.aligned.isel(view=number).sel(point=point)["position"].values[ok, 1]
-        alone.append((seen - seen.mean() - (motion - motion.mean()) @ (slope * [1, 0, 1])) / slope[1])
-    spread = np.std(motion[:, 1])
-    noise = float(np.mean(series["displacement_std"].values[ok, 1])) / 1e3
-    if not spread > 3 * noise:
-        return float("nan")
-    # Each against their mean, which has half the noise of either.
-    both = (alone[0] + alone[1]) / 2
-    gains = [float(np.sum(one * both) / np.sum(both**2)) for one in alone]
-    return abs(gains[0] - gains[1])

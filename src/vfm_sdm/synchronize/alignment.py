@@ -9,7 +9,7 @@ from scipy.interpolate import interp1d
 from vfm_sdm.arrays import FloatArray, IntArray
 from vfm_sdm.datasets import Status, check_tracks
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.synchronize.resampling import compute_noise_kept, interpolate_runs
+from vfm_sdm.synchronize.resampling import interpolate_runs
 
 __all__ = ["align_views"]
 
@@ -52,8 +52,8 @@ def align_views(
     -----
     Views whose stamps agree to a thousandth of a frame interval are taken as they are. Otherwise positions are
     interpolated by splines over runs of valid samples, which keep amplitudes to 0.05 % up to 0.4 of the Nyquist
-    frequency (`interpolate_runs`); a sample next to a gap becomes NaN (lost) instead of being extrapolated. Noise is
-    averaged, by `compute_noise_kept`, and the covariances say so.
+    frequency (`interpolate_runs`); a sample next to a gap becomes NaN (lost) instead of being extrapolated. The
+    covariances are interpolated too, as if that averaged no noise: errors of compression are not white in time.
     """
     names = list(tracks_by_view)
     reference = check_tracks(tracks_by_view[names[0]])
@@ -101,7 +101,6 @@ def _on_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack: flo
     status = _worse(tracks["status"].values[before], tracks["status"].values[before + 1])
     status = np.where(np.isnan(position).any(axis=-1) & (status == Status.OK), Status.LOST, status)
     covariance = interp1d(have, tracks["position_covariance"].values, axis=0, bounds_error=False)(want)
-    covariance *= compute_noise_kept(have, want)[:, None, None, None]
     moved = tracks.isel(time=np.zeros(want.size, dtype=int)).assign_coords(time=("time", want, {"units": "s"}))
     moved = moved[["position", "position_covariance", "status"]]
     moved["position"] = moved["position"].copy(data=position)

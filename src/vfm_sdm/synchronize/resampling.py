@@ -5,11 +5,7 @@ from scipy.interpolate import make_interp_spline
 
 from vfm_sdm.arrays import FloatArray, unbroken_runs
 
-__all__ = ["compute_noise_kept", "interpolate_runs"]
-
-_DEGREE = 5
-_REACH = 20
-"""Samples on either side beyond which the weights of the spline are below 1e-7."""
+__all__ = ["interpolate_runs"]
 
 
 def interpolate_runs(
@@ -46,28 +42,6 @@ def interpolate_runs(
         first, last = pairs.start, pairs.stop
         inside = (want >= have[first]) & (want <= have[last])
         run = slice(first, last + 1)
-        degree = _DEGREE if last - first >= _DEGREE else 3 if last - first >= 3 else 1
+        degree = 5 if last - first >= 5 else 3 if last - first >= 3 else 1
         result[inside] = make_interp_spline(have[run], values[run], k=degree)(want[inside])
     return result
-
-
-def compute_noise_kept(have: FloatArray, want: FloatArray) -> FloatArray:
-    """Share of the variance of noise, white in time, that `interpolate_runs` leaves, shape (T',) [1].
-
-    Parameters
-    ----------
-    have
-        Even, increasing time stamps of at least two samples, shape (T,) [s].
-    want
-        Times wanted, shape (T',) [s].
-
-    Notes
-    -----
-    The sum of the squared weights of all samples: 1 at a sample, 0.84 half-way between two. Exact away from the ends of
-    a run.
-    """
-    weights = make_interp_spline(np.arange(2 * _REACH + 1), np.eye(2 * _REACH + 1)[_REACH], k=_DEGREE)
-    before = np.clip(np.searchsorted(have, want, side="right") - 1, 0, have.size - 2)
-    fraction = np.clip((want - have[before]) / (have[before + 1] - have[before]), 0.0, 1.0)
-    samples = np.arange(2 * _REACH)
-    return np.asarray(np.sum(weights(samples + fraction[:, None]) ** 2, axis=1))
