@@ -117,8 +117,8 @@ def outside_table(results: _Results) -> Table:
         scores,
         cases=cases,
         notes=(
-            "The stabilisation moves the whole picture: what is tracked is no motion of the structure. For this reason "
-            "the paper leaves its phone sequence out of the evaluation, and so do all other tables here.",
+            "The stabilisation moves the whole picture. What the static points show of it is removed; the result rests "
+            "on them. The paper leaves its phone sequence out of the evaluation, and so do all other tables here.",
         ),
     )
 

@@ -22,6 +22,9 @@ METRICS = {
 }
 """Columns of a comparison and the field of a `Score` behind each; the first three are the paper's."""
 
+_WHOLE = 0.95
+"""A score of fewer samples than this share of the field test's is named below the table."""
+
 Cell = str | float
 
 
@@ -97,8 +100,22 @@ def comparison_table(
     rows.append(("mean", "", "", *(float(np.mean(column)) if column.size else np.nan for column in known)))
     # The paper's tables agree with the standard deviation of the rows themselves, divided by their number.
     rows.append(("std", "", "", *(float(np.std(column)) if column.size else np.nan for column in known)))
-    unable = [f"{method} could not run: {why}" for method, why in missing.items()]
+    unable = [*_incomplete(scores), *(f"{method} could not run: {why}" for method, why in missing.items())]
     return Table(name, title, tuple(columns), tuple(rows), (*notes, *unable))
+
+
+def _incomplete(scores: Mapping[str, Mapping[Case, Score]]) -> list[str]:
+    """Cases that were scored on clearly fewer samples than the field test has."""
+    most: dict[str, int] = {}
+    for of_method in scores.values():
+        for case, score in of_method.items():
+            most[case.dataset] = max(most.get(case.dataset, 0), score.samples)
+    return [
+        f"{case.dataset}, {case.point}, {case.axis}: {method} on {score.samples} of {most[case.dataset]} samples only"
+        for method, of_method in scores.items()
+        for case, score in of_method.items()
+        if score.samples < _WHOLE * most[case.dataset]
+    ]
 
 
 def write_table(folder: Path | str, table: Table) -> tuple[Path, Path]:

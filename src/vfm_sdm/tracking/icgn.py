@@ -86,7 +86,7 @@ class IcgnTracker:
         subset_px: int = 41,
         search_radius_px: int = 40,
         predict: bool = True,
-        max_iterations: int = 20,
+        max_iterations: int = 50,
         minimum_correlation: float = 0.6,
         reliable_correlation: float = 0.8,
         max_std_px: float = 0.1,

@@ -117,7 +117,7 @@ class SubsetBank:
         *,
         affine: npt.ArrayLike | None = None,
         rows: IntArray | None = None,
-        max_iterations: int = 20,
+        max_iterations: int = 50,
         executor: Executor | None = None,
     ) -> Registration:
         """Subsets registered to another image, from given starts.
@@ -156,7 +156,7 @@ class SubsetBank:
         rows: IntArray,
         warps: FloatArray,
         *,
-        max_iterations: int = 20,
+        max_iterations: int = 50,
         executor: Executor | None = None,
     ) -> RawRegistration:
         """The same without checks and covariances, for subsets ``rows`` (K,) from warps (K, 6); for inner loops."""
@@ -244,7 +244,7 @@ def register_subset(
     initial_affine: npt.ArrayLike | None = None,
     *,
     subset_px: int = 41,
-    max_iterations: int = 20,
+    max_iterations: int = 50,
 ) -> Registration:
     """Positions of a reference image's points in another image, by affine subset registration (IC-GN, ZNSSD).
 

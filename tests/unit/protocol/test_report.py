@@ -143,7 +143,7 @@ def test_outside_the_assumptions_the_title_says_so():
     assert [row[0] for row in table.rows] == ["data-4"] * 4 + ["mean", "std"]
     before, after = (table.columns.index(f"NRMSE range: {m.label}") for m in (WITHOUT_SGR, OURS))
     assert (table.rows[0][before], table.rows[0][after]) == (0.08, 0.03)
-    assert "the paper leaves its phone sequence out" in table.notes[0]
+    assert "The paper leaves its phone sequence out" in table.notes[0]
     assert [row[0] for row in report.outside_table({}).rows] == ["mean", "std"]
 
 

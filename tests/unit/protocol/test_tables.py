@@ -64,6 +64,16 @@ def test_methods_that_could_not_run_have_empty_columns_and_a_note():
     assert table.rows[0][3] == 0.1
 
 
+def test_cases_with_few_samples_are_named():
+    scores = {case: make_score() for case in CASES}
+    assert make_table({"a": scores}).notes == ()
+    few = replace(make_score(), samples=94)
+    note = make_table({"a": scores, "b": {**scores, CASES[1]: few}}).notes
+    assert note == ("data-1, mid, lateral: b on 94 of 100 samples only",)
+    # Another field test may be shorter.
+    assert make_table({"a": {CASES[0]: make_score(), CASES[2]: few}}).notes == ()
+
+
 def test_without_cases_there_are_mean_and_std_of_nothing():
     table = comparison_table("name", "title", {"a": {}}, cases=[])
     assert [row[0] for row in table.rows] == ["mean", "std"]

@@ -142,8 +142,8 @@ def surface(offset=0.0, std=0.3):
 
 
 def dark_and_out_of_focus(image, seed=3):
-    soft = gaussian_filter(image.astype(float), 1.5)
-    noisy = 0.15 * soft + np.random.default_rng(seed).normal(0, 1.2, image.shape)
+    soft = gaussian_filter(image.astype(float), 2.0)
+    noisy = 0.12 * soft + np.random.default_rng(seed).normal(0, 1.2, image.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
@@ -151,7 +151,7 @@ def test_a_known_surface_finds_what_a_dark_view_out_of_focus_shows_between_stiff
     right = images[1].copy()
     stiffener = view(rig().cameras[1], WaveTexture(77))
     place = true_position()[1]
-    for edge in (round(place[0]) - 43, round(place[0]) + 17):
+    for edge in (round(place[0]) - 41, round(place[0]) + 15):
         right[:, edge : edge + 26] = stiffener[:, edge : edge + 26]
     right = dark_and_out_of_focus(right)
     asked = {"matches": NO_MATCHES, "subset_px": 61}

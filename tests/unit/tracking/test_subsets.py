@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from moving_frames import NOISE, NaturalTexture, digitize, grid_points
+from scipy.ndimage import gaussian_filter
 
+from textures import WaveTexture
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.tracking.subsets import SubsetBank, register_subset
 
@@ -341,3 +343,18 @@ def test_misuse_is_refused(reference):
         register_subset(reference, reference, POINTS, POINTS[:3])
     with pytest.raises(DatasetError, match="affine: expected shape"):
         register_subset(reference, reference, POINTS, POINTS, np.eye(2))
+
+
+def test_dark_views_out_of_focus_converge_with_patience():
+    # Noise in the gradients shortens every step: such subsets take more than twenty.
+    v, u = np.mgrid[:160, :600].astype(float)
+
+    def view(shift_px, seed):
+        dim = 0.3 * gaussian_filter(WaveTexture(5)(u - shift_px, v), 2.0)
+        return np.clip(np.rint(dim + np.random.default_rng(seed).normal(0, 2.0, dim.shape)), 0, 255).astype(np.uint8)
+
+    points = np.array([[100.0 + 50 * k, 80.0] for k in range(9)])
+    found = SubsetBank.prepare(view(0.0, 1), points, subset_px=61).register(view(0.4, 2), points)
+    assert found.converged.all()
+    assert found.iterations.max() > 20
+    np.testing.assert_allclose(found.position - points, np.broadcast_to([0.4, 0.0], points.shape), atol=0.15)

@@ -68,6 +68,9 @@ def plot_sensitivity(
                 chosen = [row for row in rows if (row.parameter, row.axis, row.method) == (parameter, axis, method)]
                 _draw_sensitivity(panel, chosen, index, f"{axis}, {method}")
         panel.set_xscale("log" if parameter in log else "linear")
+        panel.set_xticks(sorted({row.value for row in rows if row.parameter == parameter}))
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.minorticks_off()
         panel.set_xlabel(parameter)
         _finish(panel, np.empty(0))
         if number % columns == 0:
