@@ -24,6 +24,7 @@ _CELLS = 6
 _MATCHES_PER_CELL = 12
 _POSE_PARAMETERS = 7
 """What a pair of views is described by at most, by its epipolar geometry."""
+_RIGS_KEPT = 64
 _ROBUST_STD = 3.0
 _OUTLIER = 1e3
 _POINT_STD_PX = 0.5
@@ -84,6 +85,7 @@ class SiteProblem:
         if rig.covariance is None:
             raise CameraError("site adjustment: expected a rig with a prior covariance, got none; state the priors")
         self._start = rig
+        self._rigs: dict[bytes, Rig] = {}
         self._site = site
         self._levels = dict(levels)
         self._face = [name for name in face_points if name in points]
@@ -102,7 +104,14 @@ class SiteProblem:
 
     def rig(self, z: FloatArray) -> Rig:
         """The rig at whitened parameters ``z``."""
-        return self._start.perturbed(self._factor @ z[: self._rig_size])
+        # Making one costs as much as all residuals, and derivatives ask for the same ones again and again.
+        inner = z[: self._rig_size]
+        key = inner.tobytes()
+        if key not in self._rigs:
+            if len(self._rigs) >= _RIGS_KEPT:
+                self._rigs.clear()
+            self._rigs[key] = self._start.perturbed(self._factor @ inner)
+        return self._rigs[key]
 
     def structure_rotation(self, z: FloatArray) -> FloatArray:
         """``structure_from_cam1`` at ``z``, shape (3, 3); the level frame of the camera when no axes are asked for."""
@@ -268,9 +277,10 @@ class SiteProblem:
 def _difference(function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int) -> FloatArray:
     """Derivative with respect to the first ``count`` parameters, shape (residuals, count).
 
-    Forward differences: the residuals are smooth on the scale of their priors, so the step costs no accuracy.
+    Forward differences. The step is small, because priors of the pose are wide: at a millionth of them the curvature
+    of the residuals ends the iterations too early.
     """
-    step = 1e-6
+    step = 1e-8
     base = function(z)
     columns = [np.empty((base.size, 0))]
     for index in range(count):

@@ -93,7 +93,9 @@ def test_prediction_bridges_steps_that_registration_cannot(texture):
     shifts = np.column_stack([0.25 * np.arange(20) ** 2, np.zeros(20)])
     frames, points = moving(texture, shifts), np.array([[60.0, 128.0], [80.3, 110.7]])
     assert (track(frames, points=points, search_radius_px=3)["status"] == Status.OK).all()
-    assert (track(frames, points=points, search_radius_px=3, predict=False, max_iterations=20)["status"][-2:] == Status.LOST).all()
+    assert (
+        track(frames, points=points, search_radius_px=3, predict=False, max_iterations=20)["status"][-2:] == Status.LOST
+    ).all()
 
 
 def test_light_that_changes(texture):
