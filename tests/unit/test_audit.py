@@ -69,7 +69,7 @@ def test_a_stabilised_video_is_refused_unless_static_points_take_it_out():
     assert audited(kept)["stabilised video"].outcome == Outcome.FAIL
 
 
-@pytest.mark.slow
+@pytest.mark.hundreds
 def test_at_most_two_of_a_hundred_good_measurements_are_refused(capsys):
     found = in_processes(verdict_of_a_good_run, range(100))
     refused = {seed: flagged for seed, (verdict, flagged) in enumerate(found) if verdict == Verdict.REFUSED}
@@ -78,7 +78,7 @@ def test_at_most_two_of_a_hundred_good_measurements_are_refused(capsys):
     assert len(refused) <= NEVER_REFUSED * len(found), refused
 
 
-@pytest.mark.slow
+@pytest.mark.hundreds
 def test_faults_are_found_nearly_always(capsys):
     missed = in_processes(faults_missed, range(20))
     counts = {fault: [seed for seed, names in enumerate(missed) if fault in names] for fault in FAULTS}

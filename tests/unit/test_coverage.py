@@ -53,7 +53,7 @@ def test_intervals_hold_the_truth():
     assert (np.abs(mean - 0.95) < margin).all(), mean
 
 
-@pytest.mark.slow
+@pytest.mark.hundreds
 def test_intervals_hold_the_truth_in_hundreds_of_measurements(capsys):
     """Issue 4: 93 to 97 % of samples, lateral and vertical, with and without refinement."""
     found = trusted(in_processes(shares_of, range(310)))
