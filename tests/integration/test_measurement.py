@@ -100,7 +100,7 @@ def test_the_summary_lets_a_reviewer_trace_the_figures(measured):
     checks = {check["name"]: check for check in summary["audit"]["checks"]}
     assert summary["audit"]["verdict"] == measured[0].audit.verdict
     assert checks["epipolar error in motion"]["outcome"] == "pass"
-    assert checks["halves of a subset"]["outcome"] == "pass"
+    assert checks["gain of injected shifts"]["outcome"] == "pass"
     assert checks["tripods"]["outcome"] == "not possible"
 
 

@@ -197,9 +197,12 @@ def test_the_verdict_is_that_of_the_worst_check():
     [(0.0, Outcome.PASS), (0.1, Outcome.CAUTION), (0.3, Outcome.FAIL), (np.nan, Outcome.NOT_POSSIBLE)],
 )
 def test_a_figure_is_judged_by_its_limits(figure, outcome):
-    check = judge("x", figure, caution=0.1, fail=0.3, units="1", good="good", bad="bad")
+    found = {"smaller": figure / 2, "largest": figure, "unknown": np.nan}
+    check = judge("x", found, caution=0.1, fail=0.3, units="1", good="good", bad="'{}' is bad")
     assert check.outcome == outcome
-    assert check.sentence == {"pass": "good", "not possible": "nothing to look at"}.get(outcome, "bad")
+    assert check.sentence == {"pass": "good", "not possible": "nothing to look at"}.get(outcome, "'largest' is bad")
+    if outcome != Outcome.NOT_POSSIBLE and figure > 0:
+        assert check.where == "largest"
 
 
 def test_a_check_is_loaded_by_its_figure_over_its_limit():

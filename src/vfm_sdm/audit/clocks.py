@@ -24,18 +24,16 @@ def check_synchronization(inputs: AuditInputs) -> AuditCheck:
         return AuditCheck(name, Outcome.FAIL, float("nan"), _LAG_CAUTION_S, "s", bad, unknown[0])
     lags = _lags(inputs, inputs.aligned)
     left = {view: _significant(lag) for view, lag in lags.items() if lag.ok}
-    worst = max(left, key=lambda key: left[key], default="")
     if not left:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", _silent(*lags.values()))
     return judge(
         name,
-        left.get(worst, float("nan")),
+        left,
         caution=_LAG_CAUTION_S,
         fail=_LAG_FAIL_S,
         units="s",
         good="the views are synchronised",
-        bad=f"{worst!r} is not synchronised with the reference view; let the motion do it (method.synchronization)",
-        where=worst,
+        bad="'{}' is not synchronised with the reference view; let the motion do it (method.synchronization)",
     )
 
 
@@ -52,16 +50,14 @@ def check_drift(inputs: AuditInputs) -> AuditCheck:
     if not found:
         both = _silent(*first.values(), *second.values())
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", both)
-    worst = max(found, key=lambda key: found[key])
     return judge(
         name,
-        found[worst],
+        found,
         caution=_LAG_CAUTION_S,
         fail=_LAG_FAIL_S,
         units="s",
         good="the clocks keep step",
-        bad=f"the clock of {worst!r} drifts against the reference view's; use a shorter part, or a constant frame rate",
-        where=worst,
+        bad="the clock of '{}' drifts against the reference view's; use a shorter part, or a constant frame rate",
     )
 
 

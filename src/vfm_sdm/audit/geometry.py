@@ -42,16 +42,14 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
         sentence = f"{cameras.status}: the displacement has no usable scale"
         return AuditCheck(name, Outcome.FAIL, float("nan"), _W_CAUTION, "std", sentence)
     tested = {q.name: _standardised(q) for q in cameras.quantities if _redundancy(q) > _LEAST_REDUNDANCY}
-    worst = max(tested, key=lambda key: tested[key], default="")
     return judge(
         name,
-        tested.get(worst, float("nan")),
+        tested,
         caution=_W_CAUTION,
         fail=_W_FAIL,
         units="std",
         good="what was measured on site, the lenses and the images agree",
-        bad=f"{worst} contradicts the rest; a lens, a tape reading or a point is wrong, and with it the scale",
-        where=worst,
+        bad="{} contradicts the rest; a lens, a tape reading or a point is wrong, and with it the scale",
     )
 
 
@@ -80,39 +78,35 @@ def check_epipolar_level(inputs: AuditInputs) -> AuditCheck:
     """Distance of the moving points from the epipolar geometry, median over time: wrong point, wrong camera."""
     name = "epipolar error"
     level = {p: float(np.nanmedian(np.abs(e))) for p, e in _epipolar(inputs).items() if np.isfinite(e).any()}
-    worst = max(level, key=lambda key: level[key], default="")
     width = float(min(camera.image_size[0] for camera in inputs.cameras.rig.cameras)) if inputs.cameras.rig else 1.0
     return judge(
         name,
-        level.get(worst, float("nan")),
+        level,
         caution=_LEVEL_CAUTION * width,
         fail=_LEVEL_FAIL * width,
         units="px",
         good="the views see the same points",
-        bad=f"point {worst!r} is another place in the second view, the views are swapped, or a camera is wrong",
-        where=worst,
+        bad="point '{}' is another place in the second view, the views are swapped, or a camera is wrong",
     )
 
 
 def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
     """Motion of the epipolar error over time, as a share of the motion in the picture."""
-    motion = np.nanmin([inputs.motion_px(str(v)) for v in inputs.aligned["view"].values], axis=0)
+    motion = np.fmin.reduce([inputs.motion_px(str(v)) for v in inputs.aligned["view"].values])
     found = {}
     for number, (point, error) in enumerate(_epipolar(inputs).items()):
         known = np.isfinite(error)
         if known.sum() > 2 and motion[number] > 0:
             excess = float(np.var(error[known])) - _NOISE_TRUST**2 * _epipolar_variance(inputs, point)
             found[point] = float(np.sqrt(max(excess, 0.0)) / motion[number])
-    worst = max(found, key=lambda key: found[key], default="")
     return judge(
         "epipolar error in motion",
-        found.get(worst, float("nan")),
+        found,
         caution=_RATIO_CAUTION,
         fail=_RATIO_FAIL,
         units="1",
         good="both views see one motion",
-        bad=f"point {worst!r} moves differently in the two views: clocks, a track that slips, or a camera that moves",
-        where=worst,
+        bad="point '{}' moves differently in the two views: clocks, a track that slips, or a camera that moves",
     )
 
 
@@ -124,16 +118,14 @@ def check_agreement(inputs: AuditInputs) -> AuditCheck:
         of_moving = inputs.aligned.sel(point=inputs.moving), inputs.unrefined.sel(point=inputs.moving)
         found = np.abs(compute_gain_difference(*of_moving, rig, inputs.cameras.frame))
         known = {p: float(g) for p, g in zip(inputs.moving, found, strict=True) if np.isfinite(g)}
-    worst = max(known, key=lambda key: known[key], default="")
     return judge(
         name,
-        known.get(worst, float("nan")),
+        known,
         caution=_GAIN_CAUTION,
         fail=_GAIN_FAIL,
         units="1",
         good="both views show the same vertical motion",
-        bad=f"the views disagree about how much {worst!r} moves up and down; one track slips or a scale is wrong",
-        where=worst,
+        bad="the views disagree about how much '{}' moves up and down; one track slips or a scale is wrong",
     )
 
 
@@ -167,5 +159,6 @@ def _epipolar(inputs: AuditInputs) -> dict[str, FloatArray]:
 def _epipolar_variance(inputs: AuditInputs, point: str) -> float:
     """Mean variance of a point's epipolar error from its tracks' covariances [px2]."""
     covariance = inputs.aligned.sel(point=point)["position_covariance"].values
-    # The error is a unit combination of all coordinates: the largest one bounds it.
-    return float(np.nanmean(np.linalg.eigvalsh(np.nan_to_num(covariance))[..., -1].max(axis=0)))
+    known = np.isfinite(covariance).all(axis=(0, 2, 3))
+    # The error is a unit combination of all coordinates: the largest variance bounds its own.
+    return float(np.linalg.eigvalsh(covariance[:, known])[..., -1].max(axis=0).mean()) if known.any() else float("nan")

@@ -170,28 +170,23 @@ def mean_of_known(values: FloatArray) -> FloatArray:
 
 
 def judge(
-    name: str,
-    figure: float,
-    *,
-    caution: float,
-    fail: float,
-    units: str,
-    good: str,
-    bad: str,
-    where: str = "",
+    name: str, found: Mapping[str, float], *, caution: float, fail: float, units: str, good: str, bad: str
 ) -> AuditCheck:
-    """A check of a figure that should be small.
+    """A check of figures that should be small, by the largest of them.
 
     Parameters
     ----------
-    figure
-        NaN where it could not be found: the check is then not possible.
+    found
+        Figures by what they belong to; those that are NaN do not count. Without any the check is not possible.
     caution, fail
         From where on.
     good, bad
-        The sentence for a check that passed, and for one that did not.
+        The sentence for a check that passed, and for one that did not, with ``{}`` for what has the largest figure.
     """
-    if not np.isfinite(figure):
-        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), caution, units, "nothing to look at", where)
+    known = {where: figure for where, figure in found.items() if np.isfinite(figure)}
+    if not known:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), caution, units, "nothing to look at")
+    where, figure = max(known.items(), key=lambda pair: pair[1])
     outcome = Outcome.FAIL if figure >= fail else Outcome.CAUTION if figure >= caution else Outcome.PASS
-    return AuditCheck(name, outcome, float(figure), caution, units, good if outcome == Outcome.PASS else bad, where)
+    sentence = good if outcome == Outcome.PASS else bad.replace("{}", where)
+    return AuditCheck(name, outcome, float(figure), caution, units, sentence, where)

@@ -66,16 +66,14 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
             gain = _injected_gain(image, (u, v), inputs.session.method.subset_px)
             if np.isfinite(gain):
                 found[f"{point} in {view}"] = abs(gain - 1)
-    worst = max(found, key=lambda key: found[key], default="")
     return judge(
         "gain of injected shifts",
-        found.get(worst, float("nan")),
+        found,
         caution=_GAIN_CAUTION,
         fail=_GAIN_FAIL,
         units="1",
         good="known shifts of parts of a pixel come out at their full size",
-        bad=f"known shifts come out wrong at {worst}: too little texture for the noise; use a larger subset",
-        where=worst,
+        bad="known shifts come out wrong at {}: too little texture for the noise; use a larger subset",
     )
 
 
@@ -89,20 +87,18 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
         for view, tracks in inputs.tracks.items()
         if "decode_frames" in tracks.attrs
     }
-    worst = max(share, key=lambda key: share[key], default="")
     if damaged:
         status = inputs.tracks[damaged[0]].attrs["decode_status"]
         sentence = f"the recording of {damaged[0]!r} is not whole: {status}"
         return AuditCheck(name, Outcome.CAUTION, float("nan"), _DROPPED_CAUTION, "1", sentence, damaged[0])
     return judge(
         name,
-        share.get(worst, float("nan")),
+        share,
         caution=_DROPPED_CAUTION,
         fail=_DROPPED_FAIL,
         units="1",
         good="no frame is missing or repeated",
-        bad=f"the recording of {worst!r} lacks frames or repeats them",
-        where=worst,
+        bad="the recording of '{}' lacks frames or repeats them",
     )
 
 

@@ -45,18 +45,14 @@ _NO_STATIC = (
 def check_tracked(inputs: AuditInputs) -> AuditCheck:
     """Share of samples without a trusted displacement, of the worst moving point."""
     status = inputs.displacement.sel(point=inputs.moving)["status"].values
-    missing = (status != Status.OK).mean(axis=0)
-    worst = int(np.argmax(missing)) if missing.size else 0
-    where = inputs.moving[worst] if missing.size else ""
     return judge(
         "samples missing",
-        float(missing[worst]) if missing.size else float("nan"),
+        dict(zip(inputs.moving, (status != Status.OK).mean(axis=0), strict=True)),
         caution=_MISSING_CAUTION,
         fail=_MISSING_FAIL,
         units="1",
         good="hardly any sample is missing",
-        bad=f"point {where!r} was lost, left the picture or is not to be trusted in part of the recording",
-        where=where,
+        bad="point '{}' was lost, left the picture or is not to be trusted in part of the recording",
     )
 
 
@@ -74,16 +70,14 @@ def check_frozen(inputs: AuditInputs) -> AuditCheck:
                 both = np.zeros(len(still), np.bool_)
                 both[: len(others[0])] = still[: len(others[0])] & np.any(others, axis=0)[: len(still)]
                 found[f"{point} in {view}"] = float(both.mean())
-    worst = max(found, key=lambda key: found[key], default="")
     return judge(
         "frozen tracks",
-        found.get(worst, float("nan")),
+        found,
         caution=_FROZEN_CAUTION,
         fail=_FROZEN_FAIL,
         units="1",
         good="no track stands still while its point moves",
-        bad=f"{worst} stands still while the other view shows motion: frames repeated, or the tracker holds on to dirt",
-        where=worst,
+        bad="{} stands still while the other view shows motion: frames repeated, or the tracker holds on to dirt",
     )
 
 
@@ -114,16 +108,14 @@ def check_slip(inputs: AuditInputs) -> AuditCheck:
         own = means - np.median(others, axis=0) if len(others) > 1 else means
         drift = float(np.ptp(own))
         found[point] = drift / scale[point] if drift > _SIGNIFICANT * noise and scale[point] > 0 else 0.0
-    worst = max(found, key=lambda key: found[key], default="")
     return judge(
         "slipping tracks",
-        found.get(worst, float("nan")),
+        found,
         caution=_SLIP_CAUTION,
         fail=_SLIP_FAIL,
         units="1",
         good="no point drifts away from the others",
-        bad=f"point {worst!r} drifts along the structure as no other point does: its track slips in one view",
-        where=worst,
+        bad="point '{}' drifts along the structure as no other point does: its track slips in one view",
     )
 
 
@@ -135,16 +127,14 @@ def check_static_points(inputs: AuditInputs) -> AuditCheck:
     axes = [str(a) for a in inputs.unrefined["axis"].values][:2]
     moving = max((_excess(inputs.unrefined.sel(point=p, axis=axes)) for p in inputs.moving), default=float("nan"))
     found = {p: _excess(inputs.unrefined.sel(point=p, axis=axes)) / moving for p in inputs.static if moving > 0}
-    worst = max(found, key=lambda key: found[key], default="")
     return judge(
         name,
-        found.get(worst, float("nan")),
+        found,
         caution=_STILL_CAUTION,
         fail=_STILL_FAIL,
         units="1",
         good="what must not move does not",
-        bad=f"point {worst!r} must not move and does: a tripod moves, or the point is not where it was meant",
-        where=worst,
+        bad="point '{}' must not move and does: a tripod moves, or the point is not where it was meant",
     )
 
 
@@ -158,7 +148,7 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _STILL_CAUTION, "1", _NO_STATIC)
     left, removed = {}, {}
     for view in (str(v) for v in inputs.as_filmed["view"].values):
-        structure = float(np.nanmax(inputs.motion_px(view), initial=0.0))
+        structure = float(np.fmax.reduce(inputs.motion_px(view), initial=0.0))
         common, noise = _common_static(inputs, view)
         if not (structure > 0 and len(common)):
             continue
@@ -169,16 +159,14 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
             removed[view] = motion
             # A single static point cannot show what its correction leaves.
             left[view] = motion.rms_after_px / structure if np.isfinite(motion.rms_after_px) else _STILL_CAUTION
-    worst = max(left, key=lambda key: left[key], default="")
     check = judge(
         name,
-        left.get(worst, float("nan")),
+        left,
         caution=_STILL_CAUTION,
         fail=_STILL_FAIL,
         units="1",
         good="the cameras stood still",
-        bad=f"camera {worst!r} moved: what stands still moves in its picture",
-        where=worst,
+        bad="camera '{}' moved: what stands still moves in its picture",
     )
     if not removed or check.outcome == Outcome.FAIL:
         return check
@@ -199,7 +187,7 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
     for view in (str(v) for v in inputs.as_filmed["view"].values):
         motion = inputs.motion_px(view)
         common, _ = _common_static(inputs, view)
-        if not len(common) or not np.nanmax(motion, initial=0.0) > 0:
+        if not len(common) or not np.fmax.reduce(motion, initial=0.0) > 0:
             continue
         point = inputs.moving[int(np.nanargmax(motion))]
         structure = _centred(inputs.as_filmed.sel(view=view, point=point)["position"].values)
@@ -211,16 +199,14 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
         # An electronic stabiliser takes part of the structure's motion from the picture: both then move together.
         left = abs(share) / (1 - share) if share < 0 else abs(share)
         found[view] = left if abs(correlation) >= _FOLLOWS_CORRELATION else 0.0
-    worst = max(found, key=lambda key: found[key], default="")
     check = judge(
         name,
-        found.get(worst, float("nan")),
+        found,
         caution=_FOLLOWS_CAUTION,
         fail=_FOLLOWS_FAIL,
         units="1",
         good="the picture does not follow the structure",
-        bad=f"the picture of {worst!r} follows the structure: the camera stabilises. Switch it off and film again",
-        where=worst,
+        bad="the picture of '{}' follows the structure: the camera stabilises. Switch it off and film again",
     )
     following = [view for view, share in found.items() if share >= _FOLLOWS_CAUTION]
     if check.outcome == Outcome.FAIL and all(_taken_out(inputs, view) for view in following):
@@ -234,7 +220,7 @@ def _taken_out(inputs: AuditInputs, view: str) -> bool:
     motion = inputs.camera_motion.get(view)
     if motion is None or not motion.applied or not np.isfinite(motion.rms_after_px):
         return False
-    return motion.rms_after_px < _STILL_CAUTION * float(np.nanmax(inputs.motion_px(view)))
+    return motion.rms_after_px < _STILL_CAUTION * float(np.fmax.reduce(inputs.motion_px(view), initial=0.0))
 
 
 def check_halves(inputs: AuditInputs) -> AuditCheck:
@@ -253,16 +239,14 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
                 noise = 8.0 * _NOISE_TRUST**2 * float(_noise(one))
                 excess = max(float(apart[known].var(axis=0).sum()) - noise, 0.0)
                 found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
-    worst = max(found, key=lambda key: found[key], default="")
     return judge(
         name,
-        found.get(worst, float("nan")),
+        found,
         caution=_HALVES_CAUTION,
         fail=_HALVES_FAIL,
         units="1",
         good="both halves of every subset move alike",
-        bad=f"the halves of {worst} move apart: the square covers an edge, a plant or something else that moves",
-        where=worst,
+        bad="the halves of {} move apart: the square covers an edge, a plant or something else that moves",
     )
 
 
@@ -294,7 +278,7 @@ def _noise(track: xr.Dataset) -> float:
 
 
 def _centred(position: FloatArray) -> FloatArray:
-    return np.asarray(position - np.nanmean(position, axis=0))
+    return np.asarray(position - mean_of_known(position))
 
 
 def _common_static(inputs: AuditInputs, view: str) -> tuple[FloatArray, float]:
