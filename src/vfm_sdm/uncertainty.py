@@ -43,23 +43,23 @@ class BudgetInputs:
         have none.
     bits_per_pixel
         Size of each view's recording by view name; views that are not named count as not compressed.
-    gain_difference
-        By how much more one view shows of each point's motion than the other
-        (`vfm_sdm.agreement.compute_gain_difference`), shape (P,) [1]; NaN where that is not known.
     baseline
         Displacement from the same tracks without refinement, and the axis that the refinement suppresses; ``None``
         when there was no refinement.
     refinement_gain
         Refined displacement from displacement as the images alone give it, shape (P, 3, 3) [1]; NaN where a point was
         not refined.
+    gain_difference
+        By how much more one view shows of each point's motion than the other
+        (`vfm_sdm.agreement.compute_gain_difference`), shape (P,) [1]; NaN where that is not known.
     """
 
     tracks: xr.Dataset
     clock_std_s: Mapping[str, float] = field(default_factory=dict)
     bits_per_pixel: Mapping[str, float] = field(default_factory=dict)
-    gain_difference: FloatArray | None = None
     baseline: tuple[xr.Dataset, str] | None = None
     refinement_gain: FloatArray | None = None
+    gain_difference: FloatArray | None = None
 
 
 def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Dataset:

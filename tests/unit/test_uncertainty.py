@@ -6,6 +6,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from simulation import intrinsics, looking_at
+from vfm_sdm.agreement import compute_gain_difference
 from vfm_sdm.arrays import FloatArray
 from vfm_sdm.datasets import Status, make_tracks
 from vfm_sdm.displacement import compute_displacement
@@ -334,3 +335,33 @@ def test_samples_lie_within_the_expanded_uncertainty():
             within[name].append(float((error <= result["expanded_uncertainty"].values[..., :2]).mean()))
     assert 0.90 <= np.mean(within["plain"]) <= 0.99
     assert np.mean(within["refined"]) >= 0.90
+
+
+def test_views_that_disagree_on_the_motion_are_stated_with_compression():
+    tracks = tracks_of(pixels(), covariance=white(0.01, 0.01))
+    plain = compute_displacement(tracks, RIG, frame=FRAME, covariance=COVARIANCE, still_interval_s=STILL_S)
+    difference = np.array([0.06, np.nan, 0.001])
+    sizes = {"left": 2.81, "right": 2.81}
+
+    def share(inputs: BudgetInputs) -> FloatArray:
+        parts = add_uncertainty(plain, inputs).sel(component="compression", axis="vertical", time=CLOCK[200])
+        return np.asarray(parts["uncertainty"] / np.abs(plain["displacement"].sel(axis="vertical", time=CLOCK[200])))
+
+    by_size = compression_gain_std(2.81)
+    both = share(BudgetInputs(tracks, bits_per_pixel=sizes, gain_difference=difference))
+    np.testing.assert_allclose(both, [0.03, by_size, by_size])
+    # Without a codec, views disagree for reasons that the cameras' part states.
+    np.testing.assert_array_equal(share(BudgetInputs(tracks, gain_difference=difference)), 0.0)
+
+
+def test_the_difference_of_the_views_is_found():
+    def difference(share: float, frame: StructureFrame | None = FRAME) -> FloatArray:
+        seen = pixels()
+        seen[1] = seen[1, :1] + share * (seen[1] - seen[1, :1])
+        tracks = tracks_of(seen, covariance=white(0.001, 0.001))
+        plain = compute_displacement(tracks, RIG, frame=FRAME, covariance=COVARIANCE, still_interval_s=STILL_S)
+        return compute_gain_difference(tracks, plain, RIG, frame)
+
+    np.testing.assert_allclose(difference(1.0), 0.0, atol=2e-3)
+    np.testing.assert_allclose(difference(0.95), 0.05, atol=5e-3)
+    assert np.isnan(difference(1.0, frame=None)).all()
