@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["BoolArray", "FloatArray", "IntArray", "LumaArray", "as_float_array", "unbroken_runs"]
+__all__ = ["BoolArray", "FloatArray", "IntArray", "LumaArray", "as_float_array", "mean_of_known", "unbroken_runs"]
 
 FloatArray = npt.NDArray[np.float64]
 """Double precision, any shape: everything geometric."""
@@ -58,3 +58,10 @@ def unbroken_runs(valid: BoolArray) -> list[slice]:
     """Runs of neighbouring true values of an array of shape (T,), in order."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
     return [slice(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def mean_of_known(values: FloatArray) -> FloatArray:
+    """Mean over the first axis of what is not NaN; NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)

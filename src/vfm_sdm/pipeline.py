@@ -198,7 +198,7 @@ def synchronize_tracks(
     DatasetError
         The recordings do not overlap.
     """
-    stated = {view.name: _stated_offset(session, view) or 0.0 for view in session.view}
+    stated = {view.name: session.stated_offset_s(view) or 0.0 for view in session.view}
     found: dict[str, Synchronization] = {}
     moving = [p.name for p in session.point if not p.static]
     if session.method.synchronization == "motion" and moving:
@@ -300,12 +300,7 @@ def audit_of(
     if solution.rig is None or len(session.view) < 2:
         return None
     steady, motions = steady_tracks(session, tracks, solution)
-    aligned, clocks = synchronize_tracks(session, steady)
-    as_filmed = align_views(
-        tracks,
-        {view: clock.offset_s for view, clock in clocks.items() if clock.ok},
-        {view: clock.rate_ratio for view, clock in clocks.items() if clock.ok},
-    )
+    aligned, _ = synchronize_tracks(session, steady)
     unrefined = displacement
     if session.method.refinement != "none":
         interval = session.method.still_interval_s
@@ -316,7 +311,6 @@ def audit_of(
             session,
             solution,
             tracks,
-            as_filmed,
             aligned,
             displacement,
             unrefined,
@@ -341,7 +335,7 @@ def _refine(session: Session, aligned: xr.Dataset, solution: CameraSolution) -> 
 
 def _clock_unknown(session: Session, view: View, clocks: Mapping[str, Synchronization]) -> bool:
     """Whether neither the motion nor the session tells a view's offset: its displacement is not to be trusted."""
-    return view.name in clocks and not clocks[view.name].ok and _stated_offset(session, view) is None
+    return view.name in clocks and not clocks[view.name].ok and session.stated_offset_s(view) is None
 
 
 def _clock_std(session: Session, view: View, clocks: Mapping[str, Synchronization]) -> float:
@@ -351,14 +345,6 @@ def _clock_std(session: Session, view: View, clocks: Mapping[str, Synchronizatio
     if view.time_offset_std_s is not None:
         return view.time_offset_std_s
     return float("nan") if _clock_unknown(session, view, clocks) else 0.0
-
-
-def _stated_offset(session: Session, view: View) -> float | None:
-    """How much later a view begins than the reference view [s]; ``None`` where the session does not say."""
-    first = session.reference_view.start
-    if view.start is not None and first is not None:
-        return (view.start - first).total_seconds()
-    return view.time_offset_s
 
 
 def _planar_displacement(session: Session, tracks: xr.Dataset) -> xr.Dataset:

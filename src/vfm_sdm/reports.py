@@ -17,6 +17,7 @@ from vfm_sdm.evaluation import Evaluation, EvaluationRow
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.results import summarize_displacement
 from vfm_sdm.tracking.correspondence import OK
+from vfm_sdm.uncertainty import COVERAGE_FACTOR
 
 if TYPE_CHECKING:
     from vfm_sdm.demo import DemoResult
@@ -157,7 +158,9 @@ def budget_table(displacement: xr.Dataset) -> Table:
             budget = values["budget_mm"] or {}
             parts = [budget.get(name) for name in components]
             known = [part for part in parts if part is not None]
-            expanded = 2 * float(np.sqrt(np.sum(np.square(known)))) if len(known) == len(components) else None
+            expanded = (
+                COVERAGE_FACTOR * float(np.sqrt(np.sum(np.square(known)))) if len(known) == len(components) else None
+            )
             cells = [_number(part, "{:.3f}") for part in (*parts, expanded)]
             table.add_row(point if number == 0 else "", axis, *cells)
     return table

@@ -94,5 +94,4 @@ def _unknown(inputs: AuditInputs, view: str) -> bool:
     """Whether neither motion nor session tells a view's offset."""
     status = inputs.displacement.attrs.get(f"clock_{view}_status", LagStatus.OK)
     of_session = next(v for v in inputs.session.view if v.name == view)
-    stated = of_session.time_offset_s is not None or of_session.start is not None
-    return status != LagStatus.OK and not stated
+    return status != LagStatus.OK and inputs.session.stated_offset_s(of_session) is None

@@ -4,7 +4,7 @@ import numpy as np
 
 from vfm_sdm.agreement import compute_gain_difference
 from vfm_sdm.arrays import FloatArray
-from vfm_sdm.audit.model import AuditCheck, AuditInputs, Outcome, judge
+from vfm_sdm.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Outcome, judge
 from vfm_sdm.cameras.site import NOT_CONVERGED, NOT_IDENTIFIABLE, SiteQuantity
 from vfm_sdm.datasets import Status
 from vfm_sdm.geometry.triangulation import sampson_error
@@ -23,8 +23,6 @@ _LEVEL_CAUTION, _LEVEL_FAIL = 1e-3, 4e-3
 """Distance from the epipolar lines, as shares of the image's width."""
 _RATIO_CAUTION, _RATIO_FAIL = 0.1, 0.3
 """Shares of the motion that one view shows and the other does not."""
-_NOISE_TRUST = 1.5
-"""Stated noise may be too small by this factor before it counts as motion."""
 _GAIN_CAUTION, _GAIN_FAIL = 0.05, 0.2
 _BASELINE = "baseline"
 
@@ -97,7 +95,7 @@ def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
     for number, (point, error) in enumerate(_epipolar(inputs).items()):
         known = np.isfinite(error)
         if known.sum() > 2 and motion[number] > 0:
-            excess = float(np.var(error[known])) - _NOISE_TRUST**2 * _epipolar_variance(inputs, point)
+            excess = float(np.var(error[known])) - NOISE_TRUST**2 * _epipolar_variance(inputs, point)
             found[point] = float(np.sqrt(max(excess, 0.0)) / motion[number])
     return judge(
         "epipolar error in motion",

@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.arrays import FloatArray, LumaArray
+from vfm_sdm.arrays import FloatArray, LumaArray, mean_of_known
 from vfm_sdm.camera_motion import ViewMotion
 from vfm_sdm.cameras.solution import CameraSolution
 from vfm_sdm.session import Session
 
-__all__ = ["Audit", "AuditCheck", "AuditInputs", "Outcome", "Verdict", "judge", "mean_of_known"]
+__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "Outcome", "Verdict", "judge"]
+
+NOISE_TRUST = 1.5
+"""Stated noise may be too small by this factor before it counts as motion."""
 
 
 class Outcome(StrEnum):
@@ -113,10 +116,9 @@ class AuditInputs:
         Cameras, axes and the adjustment to the site.
     tracks
         By view, each on its own clock.
-    as_filmed
-        The same on one clock, with a dim ``view``.
     aligned
-        The same without the motion of the cameras, as far as it was removed; before any refinement.
+        The same on one clock, with a dim ``view``, without the motion of the cameras as far as it was removed; before
+        any refinement.
     displacement
         The result, with its budget.
     unrefined
@@ -130,7 +132,6 @@ class AuditInputs:
     session: Session
     cameras: CameraSolution
     tracks: Mapping[str, xr.Dataset]
-    as_filmed: xr.Dataset
     aligned: xr.Dataset
     displacement: xr.Dataset
     unrefined: xr.Dataset
@@ -160,13 +161,6 @@ class AuditInputs:
             variance = chosen["position"].var("time").sum("pixel", skipna=False).values
         noise = np.einsum("tpii->tp", chosen["position_covariance"].values)
         return np.asarray(np.sqrt(np.maximum(variance - mean_of_known(noise), 0.0)))
-
-
-def mean_of_known(values: FloatArray) -> FloatArray:
-    """Mean over the first axis of what is not NaN; NaN where nothing is."""
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def judge(

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import shift as shift_image
 
 from vfm_sdm.arrays import FloatArray, LumaArray
-from vfm_sdm.audit.model import AuditCheck, AuditInputs, Outcome, judge
+from vfm_sdm.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Outcome, judge
 from vfm_sdm.datasets import Status
 from vfm_sdm.tracking.subsets import register_subset
 from vfm_sdm.uncertainty import COMPONENTS
@@ -14,7 +14,6 @@ from vfm_sdm.uncertainty import COMPONENTS
 __all__ = ["check_gain", "check_recording", "check_refinement", "check_signal"]
 
 _SNR_CAUTION, _SNR_FAIL = 3.0, 1.0
-_NOISE_TRUST = 1.5
 _SHIFTS_PX = ((0.11, -0.07), (0.23, 0.19), (-0.31, 0.37), (0.5, -0.5), (-0.43, 0.29))
 """Small, as the motion of structures is, and spread over the fractions of a pixel, where interpolation errs."""
 _MARGIN_PX = 12
@@ -36,7 +35,7 @@ def check_signal(inputs: AuditInputs) -> AuditCheck:
             if ok.sum() > 10:
                 noise = float(np.mean(series["displacement_std"].values[ok] ** 2))
                 excess = max(float(np.var(series["displacement"].values[ok])) - noise, 0.0)
-                ratios[f"{axis} of {point}"] = np.sqrt(excess) / (_NOISE_TRUST * np.sqrt(noise)) if noise else np.inf
+                ratios[f"{axis} of {point}"] = np.sqrt(excess) / (NOISE_TRUST * np.sqrt(noise)) if noise else np.inf
     if not ratios:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _SNR_CAUTION, "", "nothing was measured")
     weak = [what for what, ratio in ratios.items() if ratio < _SNR_CAUTION]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.arrays import BoolArray, FloatArray, unbroken_runs
-from vfm_sdm.audit.model import AuditCheck, AuditInputs, Outcome, judge, mean_of_known
+from vfm_sdm.arrays import BoolArray, FloatArray, mean_of_known, unbroken_runs
+from vfm_sdm.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Outcome, judge
 from vfm_sdm.datasets import Status
 
 __all__ = [
@@ -31,8 +31,6 @@ _SIGNIFICANT = 5.0
 _SLIP_CAUTION, _SLIP_FAIL = 0.1, 0.3
 _STILL_CAUTION, _STILL_FAIL = 0.1, 0.5
 """Motion of what must not move, as shares of the structure's."""
-_NOISE_TRUST = 1.5
-"""Stated noise may be too small by this factor before it counts as motion."""
 _FOLLOWS_CAUTION, _FOLLOWS_FAIL = 0.1, 0.2
 _FOLLOWS_CORRELATION = 0.7
 _HALVES_CAUTION, _HALVES_FAIL = 0.1, 0.3
@@ -147,12 +145,12 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
     if not inputs.static:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _STILL_CAUTION, "1", _NO_STATIC)
     left, removed = {}, {}
-    for view in (str(v) for v in inputs.as_filmed["view"].values):
+    for view, tracks in inputs.tracks.items():
         structure = float(np.fmax.reduce(inputs.motion_px(view), initial=0.0))
-        common, noise = _common_static(inputs, view)
+        common, noise = _common_static(tracks, inputs.static)
         if not (structure > 0 and len(common)):
             continue
-        moved = float(np.sqrt(max(float(common.var(axis=0).sum()) - (_NOISE_TRUST * noise) ** 2, 0.0)) / structure)
+        moved = float(np.sqrt(max(float(common.var(axis=0).sum()) - (NOISE_TRUST * noise) ** 2, 0.0)) / structure)
         motion = inputs.camera_motion.get(view)
         left[view] = moved
         if motion is not None and motion.applied and moved >= _STILL_CAUTION:
@@ -184,13 +182,13 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
     if not inputs.static:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _FOLLOWS_CAUTION, "1", _NO_STATIC)
     found = {}
-    for view in (str(v) for v in inputs.as_filmed["view"].values):
+    for view, tracks in inputs.tracks.items():
         motion = inputs.motion_px(view)
-        common, _ = _common_static(inputs, view)
+        common, _ = _common_static(tracks, inputs.static)
         if not len(common) or not np.fmax.reduce(motion, initial=0.0) > 0:
             continue
         point = inputs.moving[int(np.nanargmax(motion))]
-        structure = _centred(inputs.as_filmed.sel(view=view, point=point)["position"].values)
+        structure = _centred(tracks.sel(point=point)["position"].values)
         known = np.isfinite(structure).all(axis=1) & np.isfinite(common).all(axis=1)
         a, b = structure[known].ravel(), common[known].ravel()
         if len(a) < 20 or not (a.std() > 0 and b.std() > 0):
@@ -236,7 +234,7 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
             known = np.isfinite(apart).all(axis=1)
             if known.sum() > 10 and motion[number] > 0:
                 # Both halves have twice the standard deviation of the whole each.
-                noise = 8.0 * _NOISE_TRUST**2 * float(_noise(one))
+                noise = 8.0 * NOISE_TRUST**2 * float(_noise(one))
                 excess = max(float(apart[known].var(axis=0).sum()) - noise, 0.0)
                 found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
     return judge(
@@ -281,14 +279,14 @@ def _centred(position: FloatArray) -> FloatArray:
     return np.asarray(position - mean_of_known(position))
 
 
-def _common_static(inputs: AuditInputs, view: str) -> tuple[FloatArray, float]:
+def _common_static(tracks: xr.Dataset, static: list[str]) -> tuple[FloatArray, float]:
     """Mean motion of a view's static points, shape (T, 2) [px], and its noise, u and v together [px]."""
-    chosen = inputs.as_filmed.sel(view=view, point=inputs.static)
+    chosen = tracks.sel(point=static)
     known = np.isfinite(chosen["position"].values).all(axis=(1, 2))
     if known.sum() < 10:
         return np.empty((0, 2)), float("nan")
     centred = chosen["position"].values - np.nanmean(chosen["position"].values[known], axis=0)
-    variances = [_noise(chosen.sel(point=point)) for point in inputs.static]
+    variances = [_noise(chosen.sel(point=point)) for point in static]
     return np.asarray(centred.mean(axis=1)), float(np.sqrt(np.sum(variances)) / len(variances))
 
 
@@ -307,5 +305,5 @@ def _excess(series: xr.Dataset) -> float:
     if ok.sum() < 10:
         return float("nan")
     variance = series["displacement"].values[ok].var(axis=0)
-    noise = (_NOISE_TRUST * series["displacement_std"].values[ok]) ** 2
+    noise = (NOISE_TRUST * series["displacement_std"].values[ok]) ** 2
     return float(np.sqrt(np.maximum(variance - noise.mean(axis=0), 0.0).sum()))

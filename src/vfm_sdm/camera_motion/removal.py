@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.arrays import BoolArray, FloatArray
+from vfm_sdm.arrays import BoolArray, FloatArray, mean_of_known
 from vfm_sdm.camera_motion.estimation import MotionEstimate, compute_motion_jacobian, estimate_motion
 from vfm_sdm.datasets import Status, check_tracks
 from vfm_sdm.errors import DatasetError
@@ -134,7 +134,7 @@ def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Seq
     """
     names = _check_inputs(tracks, rig, static)
     positions = {view: _trusted(tracks[view]) for view in rig.names}
-    rest = np.stack([_mean_over_time(positions[view]) for view in rig.names])
+    rest = np.stack([mean_of_known(positions[view]) for view in rig.names])
     points3d = triangulate(rest, rig)
     points3d = np.where(in_front_of_all(points3d, rig)[:, None], points3d, np.nan)
     usable = [names.index(name) for name in static if np.isfinite(points3d[names.index(name)]).all()]
@@ -165,13 +165,6 @@ def _check_inputs(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[s
 def _trusted(tracks: xr.Dataset) -> FloatArray:
     """Positions of samples with the status ok, NaN elsewhere, shape (T, P, 2) [px]."""
     return np.where((tracks["status"].values == Status.OK)[..., None], tracks["position"].values, np.nan)
-
-
-def _mean_over_time(position: FloatArray) -> FloatArray:
-    """Mean of what is not NaN, (T, P, 2) to (P, 2); NaN for a point without any sample."""
-    seen = np.asarray(np.isfinite(position).all(axis=-1))[..., None]
-    count = seen.sum(axis=0)
-    return np.where(count > 0, np.where(seen, position, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def _remove_from_view(
@@ -227,7 +220,7 @@ def _predicted_share(shift: FloatArray, left: FloatArray) -> float:
 
 def _scatter(shift: FloatArray) -> FloatArray:
     """Root mean square distance from the mean over time, (T, S, 2) to (S,); NaN for a point without samples."""
-    squares = _mean_over_time((shift - _mean_over_time(shift)) ** 2)
+    squares = mean_of_known((shift - mean_of_known(shift)) ** 2)
     return np.asarray(np.sqrt(squares.sum(axis=-1)))
 
 

@@ -9,11 +9,10 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.metrics import Score
 from vfm_sdm.results import write_json
 from vfm_sdm.synchronize import Synchronization
+from vfm_sdm.uncertainty import COVERAGE_FACTOR
 
 __all__ = ["COVERAGE_FACTOR", "NOMINAL_COVERAGE", "Evaluation", "EvaluationRow", "write_evaluation"]
 
-COVERAGE_FACTOR = 2.0
-"""Half width of the stated interval in standard deviations."""
 NOMINAL_COVERAGE = 0.9545
 """Share of a normal distribution within `COVERAGE_FACTOR`: what `Score.coverage` should be near."""
 

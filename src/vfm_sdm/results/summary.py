@@ -15,10 +15,10 @@ from vfm_sdm.arrays import BoolArray, FloatArray, IntArray, as_float_array
 from vfm_sdm.datasets import STATUS_MEANINGS, Status, check_displacement
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.files import replace_file
+from vfm_sdm.uncertainty import COVERAGE_FACTOR
 
 __all__ = ["dominant_frequency", "read_summary", "summarize_displacement", "write_json", "write_summary"]
 
-_COVERAGE_FACTOR = 2.0
 _PROPORTIONAL = ("cameras", "compression")
 """Components of the budget that are proportional to the motion."""
 _SHORTEST_S = 2.0
@@ -182,7 +182,7 @@ def _axis_figures(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict
             (u[top] + u[bottom]) ** 2 if name in _PROPORTIONAL else u[top] ** 2 + u[bottom] ** 2
             for name, u in budget.items()
         )
-    figures["expanded_uncertainty_mm"] = _or_none(_COVERAGE_FACTOR * float(np.sqrt(variance)))
+    figures["expanded_uncertainty_mm"] = _or_none(COVERAGE_FACTOR * float(np.sqrt(variance)))
     figures["dominant_frequency_hz"] = dominant_frequency(time_s, values)
     return figures
 

@@ -250,6 +250,13 @@ class Session(Entry):
         """The first view, whose camera defines the reference frame and whose first frame defines time zero."""
         return self.view[0]
 
+    def stated_offset_s(self, view: View) -> float | None:
+        """How much later a view begins than the reference view [s]; ``None`` where the session does not say."""
+        first = self.reference_view.start
+        if view.start is not None and first is not None:
+            return (view.start - first).total_seconds()
+        return view.time_offset_s
+
     def resolve(self, path: Path | str) -> Path:
         """The path as seen from here: a relative one starts at the session's folder."""
         return self.folder / path
