@@ -18,7 +18,7 @@ from vfm_sdm.synchronize import align_views
 from vfm_sdm.synthetic.render import Renderer
 from vfm_sdm.synthetic.scene import Face, Scene, Texture, coarsest_pixel
 from vfm_sdm.tracking.icgn import IcgnTracker
-from vfm_sdm.video import Video, VideoInfo
+from vfm_sdm.video import Frame, Video, VideoInfo
 
 FPS = 60.0
 VIEWS = ("left", "right")
@@ -415,7 +415,7 @@ class Pictures:
         self.info = VideoInfo("memory", *SIZE, RENDERED_FPS, len(frames), seconds, "raw", "gray", 8, 0)
 
     def stream(self):
-        return ((number / RENDERED_FPS, luma) for number, luma in enumerate(self.frames))
+        return (Frame(number, number / RENDERED_FPS, luma, None) for number, luma in enumerate(self.frames))
 
 
 def film(scene, motion):

@@ -4,6 +4,7 @@ import math
 from collections.abc import Generator, Iterable
 from contextlib import closing
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -11,11 +12,11 @@ import av
 import numpy as np
 from av.sidedata.sidedata import SideData
 
-from vfm_sdm.arrays import LumaArray
 from vfm_sdm.errors import VideoError
+from vfm_sdm.video.color import convert_part
 from vfm_sdm.video.decoder import open_stream, read_pictures
 from vfm_sdm.video.luma import luma_bits, luma_plane
-from vfm_sdm.video.records import DecodeStop, RgbArray, VideoInfo
+from vfm_sdm.video.records import DecodeStop, Frame, VideoInfo
 
 __all__ = ["ContainerSource"]
 
@@ -42,8 +43,8 @@ class ContainerSource:
         self._path = path
         self._base, self.info = self._probe()
 
-    def stream(self) -> Generator[tuple[float, LumaArray]]:
-        """A fresh pass: time from the first frame [s] and luma, shape (height, width).
+    def stream(self) -> Generator[Frame]:
+        """A fresh pass over the frames, in order, numbered from 0.
 
         Raises
         ------
@@ -57,34 +58,18 @@ class ContainerSource:
         turns = -self.info.rotation_deg // 90
         seconds, ticks = self._base.as_integer_ratio()
         with closing(read_pictures(self._path)) as pictures:
-            for picture in pictures:
+            for index, picture in enumerate(pictures):
                 self._check_size(picture)
                 stamp = _rising_stamp(picture, None if first is None else last, self._base)
                 first = stamp if first is None else first
                 last = stamp
                 luma = luma_plane(picture)
-                yield (stamp - first) * seconds / ticks, np.rot90(luma, turns) if turns else luma
-
-    def color(self, index: int) -> RgbArray:
-        """The frame with this index in colour, shape (height, width, 3), decoded from the start.
-
-        Raises
-        ------
-        VideoError
-            The file has no such frame, or damage comes before it.
-        """
-        count = 0
-        why = ""
-        with closing(read_pictures(self._path)) as pictures:
-            try:
-                for picture in pictures:
-                    if count == index:
-                        rgb = picture.to_ndarray(format="rgb24")
-                        return np.ascontiguousarray(np.rot90(rgb, -self.info.rotation_deg // 90))
-                    count += 1
-            except DecodeStop as damage:
-                why = f" ({damage.detail})"
-        raise VideoError(f"{self._path}: expected a frame {index}, got {count} frames{why}; ask for an earlier one")
+                yield Frame(
+                    index,
+                    (stamp - first) * seconds / ticks,
+                    np.rot90(luma, turns) if turns else luma,
+                    partial(convert_part, picture, rotation_deg=self.info.rotation_deg),
+                )
 
     def _check_size(self, picture: av.VideoFrame) -> None:
         width, height = _turned_size(picture, self.info.rotation_deg)

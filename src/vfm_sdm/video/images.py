@@ -1,7 +1,8 @@
 """Frames of a numbered sequence of image files."""
 
 import re
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from functools import cache, partial
 from pathlib import Path
 from typing import cast
 
@@ -11,7 +12,8 @@ import numpy.typing as npt
 
 from vfm_sdm.arrays import LumaArray
 from vfm_sdm.errors import VideoError
-from vfm_sdm.video.records import DecodeStop, RgbArray, VideoInfo
+from vfm_sdm.video.records import DecodeStop, Frame, RgbArray, VideoInfo
+from vfm_sdm.video.region import Region
 
 __all__ = ["ImageSource", "find_images"]
 
@@ -46,7 +48,7 @@ class ImageSource:
         self._fps = fps
         first = self._files[0]
         try:
-            image = _read(first)
+            image, _ = _read(first)
         except DecodeStop as damage:
             raise VideoError(damage.detail) from damage
         _check_single_page(first)
@@ -64,8 +66,8 @@ class ImageSource:
             rotation_deg=0,
         )
 
-    def stream(self) -> Generator[tuple[float, LumaArray]]:
-        """A fresh pass: time from the first image [s] and luma, shape (height, width).
+    def stream(self) -> Generator[Frame]:
+        """A fresh pass over the images, in order, numbered from 0.
 
         Raises
         ------
@@ -76,7 +78,7 @@ class ImageSource:
         """
         expected = (self.info.height, self.info.width, self.info.bit_depth)
         for index, path in enumerate(self._files):
-            image = _read(path)
+            image, in_color = _read(path)
             found = (*image.shape[:2], 8 * image.dtype.itemsize)
             if found != expected:
                 raise VideoError(
@@ -85,25 +87,7 @@ class ImageSource:
                 )
             luma = image if image.ndim == 2 else cast("LumaArray", cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
             luma.flags.writeable = False
-            yield index / self._fps, luma
-
-    def color(self, index: int) -> RgbArray:
-        """The image with this index in colour, 8 bits, shape (height, width, 3).
-
-        Raises
-        ------
-        VideoError
-            There is no such image, or it cannot be decoded.
-        """
-        if index >= len(self._files):
-            raise VideoError(
-                f"{self.info.source}: expected a frame {index}, got {len(self._files)} images; ask for an earlier one"
-            )
-        try:
-            image = _decode(self._files[index], cv2.IMREAD_COLOR)
-        except DecodeStop as damage:
-            raise VideoError(damage.detail) from damage
-        return cast("RgbArray", cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+            yield Frame(index, index / self._fps, luma, partial(_convert_part, in_color))
 
 
 def find_images(pattern: str) -> list[Path]:
@@ -139,26 +123,35 @@ def _natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
     return pieces, str(path)
 
 
-def _read(path: Path) -> ImageArray:
-    image = _decode(path, None)
-    if (image.dtype.str[1:], image.ndim) not in _FORMATS or image.dtype.kind != "u":
-        raise VideoError(
-            f"{path}: expected an image of 8 or 16 bits, got {image.dtype.name} of shape {image.shape}; convert it"
-        )
-    return image
-
-
-def _decode(path: Path, mode: int | None) -> ImageArray:
+def _read(path: Path) -> tuple[ImageArray, Callable[[], ImageArray]]:
+    """The image that holds the luma, and what gives it with its colours: a JPEG is decoded again when first asked."""
     try:
         data = path.read_bytes()
     except OSError as error:
         raise DecodeStop("corrupt", f"{path}: expected an image, got {error.strerror}; check the file") from error
-    flags = mode if mode is not None else _LUMA_ONLY if data[:2] == _JPEG else _AS_STORED
+    if data[:2] == _JPEG:
+        return _decode(path, data, _LUMA_ONLY), cache(partial(_decode, path, data, cv2.IMREAD_COLOR))
+    image = _decode(path, data, _AS_STORED)
+    if (image.dtype.str[1:], image.ndim) not in _FORMATS or image.dtype.kind != "u":
+        raise VideoError(
+            f"{path}: expected an image of 8 or 16 bits, got {image.dtype.name} of shape {image.shape}; convert it"
+        )
+    return image, lambda: image
+
+
+def _decode(path: Path, data: bytes, flags: int) -> ImageArray:
     # From memory, since OpenCV fills up a JPEG file that ends early with grey. Of nothing it makes an error.
     image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
     if image is None:
         raise DecodeStop("corrupt", f"{path}: expected an image, got data that do not decode; copy the file again")
     return cast("ImageArray", image)
+
+
+def _convert_part(in_color: Callable[[], ImageArray], region: Region) -> RgbArray:
+    part = region.crop(in_color())
+    # Of 16 bits the upper eight.
+    eight = (part >> 8).astype(np.uint8) if part.itemsize > 1 else part
+    return cast("RgbArray", cv2.cvtColor(eight, cv2.COLOR_GRAY2RGB if eight.ndim == 2 else cv2.COLOR_BGR2RGB))
 
 
 def _check_single_page(path: Path) -> None:

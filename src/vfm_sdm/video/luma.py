@@ -9,7 +9,7 @@ import numpy as np
 
 from vfm_sdm.arrays import LumaArray
 
-__all__ = ["luma_bits", "luma_plane"]
+__all__ = ["has_luma_plane", "luma_bits", "luma_plane"]
 
 _HIGH_BITS = {"p010": 6, "p012": 4, "p210": 6, "p212": 4, "p410": 6, "p412": 4}
 """Formats that keep their values in the upper bits of 16, and by how much these are shifted."""
@@ -21,6 +21,11 @@ class _Layout:
     dtype: np.dtype[Any]
     shift: int
     convert_to: str | None
+
+
+def has_luma_plane(pixel_format: str) -> bool:
+    """Whether pictures of a pixel format of this name keep their luma in a plane of its own."""
+    return _layout(pixel_format).convert_to is None
 
 
 def luma_bits(pixel_format: str) -> int:

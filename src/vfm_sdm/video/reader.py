@@ -80,33 +80,40 @@ class Video:
         VideoError
             The file is gone or cannot be read any more.
         """
-        with closing(self._source.stream()) as stream:
-            try:
-                time_s, luma = next(stream)
-            except (DecodeStop, StopIteration) as error:
-                raise VideoError(
-                    f"{self.info.source}: expected a first frame, got none ({error}); check the file"
-                ) from error
-        return Frame(0, time_s, luma)
+        return self._frame(0)
 
     def color_frame(self, index: int = 0) -> RgbArray:
-        """A frame in colour for figures, shape (height, width, 3), 8 bits, red first; `report` stays as it is.
+        """A frame in colour, shape (height, width, 3), 8 bits, red first; `report` stays as it is.
 
         Parameters
         ----------
         index
-            Position of the frame; the file is decoded up to it.
+            Position of the frame; the video is decoded up to it. In a pass, use `Frame.color`.
 
         Raises
         ------
         DatasetError
             ``index`` is negative.
         VideoError
-            There is no such frame.
+            There is no such frame, or its colour space cannot be converted.
         """
         if index < 0:
             raise DatasetError(f"index: expected 0 or more, got {index}; count frames from the first")
-        return self._source.color(index)
+        return self._frame(index).color()
+
+    def _frame(self, index: int) -> Frame:
+        count = 0
+        why = ""
+        with closing(self._source.stream()) as stream:
+            try:
+                for frame in stream:
+                    if frame.index == index:
+                        return frame
+                    count += 1
+            except DecodeStop as damage:
+                why = f" ({damage})"
+        advice = "ask for an earlier one" if count else "check the file"
+        raise VideoError(f"{self.info.source}: expected a frame {index}, got {count} frames{why}; {advice}")
 
     def _pass(self, stop: int | None) -> Iterator[Frame]:
         tally = _Tally()
@@ -114,8 +121,9 @@ class Video:
         detail = "left before its end"
         try:
             with closing(self._source.stream()) as stream:
-                for time_s, luma in stream:
-                    yield Frame(tally.add(time_s, luma), time_s, luma)
+                for frame in stream:
+                    tally.add(frame)
+                    yield frame
                     if tally.frames == stop:
                         detail = "stopped as asked"
                         break
@@ -142,13 +150,11 @@ class _Tally:
     def frames(self) -> int:
         return len(self._time_s)
 
-    def add(self, time_s: float, luma: LumaArray) -> int:
-        """Index of the frame."""
-        if self._previous is not None and _same_picture(self._previous, luma):
+    def add(self, frame: Frame) -> None:
+        if self._previous is not None and _same_picture(self._previous, frame.luma):
             self._duplicated += 1
-        self._previous = luma
-        self._time_s.append(time_s)
-        return len(self._time_s) - 1
+        self._previous = frame.luma
+        self._time_s.append(frame.time_s)
 
     def report(self, info: VideoInfo, status: DecodeStatus, detail: str) -> DecodeReport:
         self._previous = None

@@ -1,6 +1,6 @@
 """What a view says about itself, what a pass over it yields, and what a source of frames has to offer."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.arrays import LumaArray
+from vfm_sdm.video.region import Region
 
 __all__ = ["DecodeReport", "DecodeStatus", "DecodeStop", "Frame", "FrameSource", "RgbArray", "VideoInfo"]
 
@@ -61,6 +62,32 @@ class Frame:
     It may be a strided view into the decoder's memory (padded rows, a rotated picture): copy it where a routine
     needs contiguous rows. A live reference keeps the whole decoded picture in memory.
     """
+    convert: Callable[[Region], RgbArray]
+    """Colours of a region that lies inside the picture and is not resized, shape (height, width, 3); `color` calls it.
+
+    It refers to the picture that the luma was taken from, so that colours can be had as long as the frame lives.
+    """
+
+    def color(self, region: Region | None = None) -> RgbArray:
+        """The frame in colour, or a region of it, converted only now; shape (height, width, 3), 8 bits, red first.
+
+        Parameters
+        ----------
+        region
+            What to convert, in pixels of the luma, resized to its canvas; the whole frame when ``None``.
+
+        Raises
+        ------
+        DatasetError
+            The region leaves the frame.
+        VideoError
+            The frame is in a colour space that cannot be converted.
+        """
+        rows, columns = self.luma.shape
+        wanted = Region(0, 0, columns, rows) if region is None else region
+        wanted.check_inside((columns, rows))
+        part = Region(wanted.x, wanted.y, wanted.width, wanted.height)
+        return wanted.within(part).crop(self.convert(part))
 
 
 @dataclass(frozen=True)
@@ -102,8 +129,8 @@ class FrameSource(Protocol):
         """What is known before any pass."""
         ...
 
-    def stream(self) -> Generator[tuple[float, LumaArray]]:
-        """A fresh pass: time from the first frame [s] and luma (height, width), in order.
+    def stream(self) -> Generator[Frame]:
+        """A fresh pass over the frames, in order, numbered from 0.
 
         Raises
         ------
@@ -111,15 +138,5 @@ class FrameSource(Protocol):
             The data end early or are damaged; everything yielded before is sound.
         VideoError
             A frame contradicts the others in a way that the user has to mend.
-        """
-        ...
-
-    def color(self, index: int) -> RgbArray:
-        """The frame with this index in colour.
-
-        Raises
-        ------
-        VideoError
-            There is no such frame.
         """
         ...

@@ -1,9 +1,9 @@
 """Regions of interest: the one place that maps pixels of a region or a resized canvas to full-image pixels."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import index
-from typing import Self, cast
+from typing import Self, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from vfm_sdm.errors import DatasetError
 __all__ = ["Region"]
 
 _WHOLE_PIXEL_TOLERANCE = 1e-6
+_Image = TypeVar("_Image", bound=LumaArray)
 
 
 @dataclass(frozen=True)
@@ -115,37 +116,59 @@ class Region:
             corner.append(min(max(first, 0), length - side))
         return cls(corner[0], corner[1], sides[0], sides[1])
 
-    def crop(self, luma: LumaArray) -> LumaArray:
-        """The region of a full image, shape (canvas height, canvas width), same type.
+    def within(self, outer: "Region") -> "Region":
+        """The same region in the pixels of the picture that another one, not resized, cuts out."""
+        return replace(self, x=self.x - outer.x, y=self.y - outer.y)
+
+    def check_inside(self, image_size: tuple[int, int]) -> None:
+        """Refuse a region that leaves the image.
 
         Parameters
         ----------
-        luma
-            Full image, shape (height, width). Without resizing, the result is a view into it.
+        image_size
+            Width and height of the full image [px].
 
         Raises
         ------
         DatasetError
-            The image is not one plane, or the region leaves it.
-
-        Notes
-        -----
-        Shrinking averages the covered area, enlarging interpolates linearly; both follow the half-pixel rule.
+            The region leaves the image.
         """
-        if luma.ndim != 2:
-            raise DatasetError(f"luma: expected shape (height, width), got {luma.shape}; pass one plane")
-        rows, columns = luma.shape
+        columns, rows = image_size
         if self.x < 0 or self.y < 0 or self.x + self.width > columns or self.y + self.height > rows:
             raise DatasetError(
                 f"region: expected to lie inside the image of {columns} x {rows} px, got columns {self.x} to "
                 f"{self.x + self.width - 1} and rows {self.y} to {self.y + self.height - 1}; shift it (Region.around)"
             )
-        part: LumaArray = luma[self.y : self.y + self.height, self.x : self.x + self.width]
+
+    def crop(self, image: _Image) -> _Image:
+        """The region of a full image, shape (canvas height, canvas width) or (canvas height, canvas width, 3).
+
+        Parameters
+        ----------
+        image
+            Full image, shape (height, width) or, in colour, (height, width, 3). The result has its type; without
+            resizing, it is a view into it.
+
+        Raises
+        ------
+        DatasetError
+            The image has another shape, or the region leaves it.
+
+        Notes
+        -----
+        Shrinking averages the covered area, enlarging interpolates linearly; both follow the half-pixel rule.
+        """
+        if image.ndim != 2 and image.shape[2:] != (3,):
+            raise DatasetError(
+                f"image: expected shape (height, width) or (height, width, 3), got {image.shape}; pass one picture"
+            )
+        self.check_inside((image.shape[1], image.shape[0]))
+        part = image[self.y : self.y + self.height, self.x : self.x + self.width]
         if self.canvas_size == (self.width, self.height):
-            return part
+            return cast("_Image", part)
         shrinks = self.scale_u <= 1 and self.scale_v <= 1
         method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        return cast("LumaArray", cv2.resize(np.ascontiguousarray(part), self.canvas_size, interpolation=method))
+        return cast("_Image", cv2.resize(np.ascontiguousarray(part), self.canvas_size, interpolation=method))
 
     def to_full(self, points2d: npt.ArrayLike) -> FloatArray:
         """Full-image pixels of canvas pixels, shape (..., 2) to (..., 2)."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vfm_sdm.video import Video, VideoInfo
+from vfm_sdm.video import Frame, Video, VideoInfo
 
 GRAY_RANGE = 255.0
 NOISE = 0.01 * GRAY_RANGE
@@ -63,10 +63,13 @@ class MemorySource:
 
     def stream(self):
         for index, luma in enumerate(self.frames):
-            yield index / self.info.fps, luma
+            yield Frame(index, index / self.info.fps, luma, lambda region, luma=luma: gray_colors(region.crop(luma)))
 
-    def color(self, index):
-        return np.repeat(self.frames[index][:, :, None], 3, axis=2)
+
+def gray_colors(luma):
+    """The same brightness in all three channels, 8 bits, shape (height, width, 3)."""
+    eight = luma if luma.dtype == np.uint8 else (luma >> 8).astype(np.uint8)
+    return np.repeat(eight[:, :, None], 3, axis=2)
 
 
 def memory_video(frames, fps=100.0):

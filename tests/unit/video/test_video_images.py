@@ -169,7 +169,7 @@ def test_no_match_and_bad_rate(tmp_path):
 
 def test_colour_behind_the_end(tmp_path):
     write(tmp_path / "a.png", np.zeros((4, 5), np.uint8))
-    with pytest.raises(VideoError, match="expected a frame 1, got 1 images; ask for an earlier one"):
+    with pytest.raises(VideoError, match="expected a frame 1, got 1 frames; ask for an earlier one"):
         open_images(str(tmp_path / "*.png"), fps=1).color_frame(1)
 
 

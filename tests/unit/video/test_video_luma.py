@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from video_clips import picture, scene
 
-from vfm_sdm.video.luma import luma_bits, luma_plane
+from vfm_sdm.video.luma import has_luma_plane, luma_bits, luma_plane
 
 LUMA = scene(1)[0]
 DEEP = scene(1, bits=10)[0]
@@ -26,6 +26,7 @@ def test_planar_formats_are_not_copied(pixel_format):
     assert not luma.flags.writeable
     np.testing.assert_array_equal(luma, LUMA)
     assert luma_bits(pixel_format) == 8
+    assert has_luma_plane(pixel_format)
 
 
 @pytest.mark.parametrize("pixel_format", ["yuv420p10le", "yuv422p10le", "gray10le"])
@@ -62,6 +63,7 @@ def test_packed_luma_is_unpacked_unchanged(pixel_format, first):
     rows[:] = 128
     rows[:, first : 2 * LUMA.shape[1] : 2] = LUMA
     np.testing.assert_array_equal(luma_plane(frame), LUMA)
+    assert not has_luma_plane(pixel_format)
 
 
 def test_rgb_becomes_grey():

@@ -23,6 +23,24 @@ def test_crop_is_a_view_of_the_right_pixels():
     np.testing.assert_array_equal(region.from_full([13, 22]), [3, 2])
 
 
+def test_colours_are_cut_and_resized_like_single_planes():
+    colours = np.stack([IMAGE, IMAGE[::-1], 2 * IMAGE], axis=-1)
+    for scale in (1, 0.5, 2):
+        region = Region(8, 12, 40, 32, scale_u=scale, scale_v=scale)
+        found = region.crop(colours)
+        assert found.dtype == np.uint16
+        planes = [region.crop(np.ascontiguousarray(colours[..., channel])) for channel in range(3)]
+        np.testing.assert_array_equal(found, np.stack(planes, axis=-1))
+    assert np.shares_memory(Region(8, 12, 40, 32).crop(colours), colours)
+
+
+def test_region_within_what_another_one_cuts_out():
+    outer, region = Region(8, 12, 40, 32), Region(11, 20, 8, 6, scale_u=0.5, scale_v=2)
+    inner = region.within(outer)
+    assert inner == Region(3, 8, 8, 6, scale_u=0.5, scale_v=2)
+    np.testing.assert_array_equal(inner.crop(outer.crop(IMAGE)), region.crop(IMAGE))
+
+
 def test_borders_map_to_borders():
     # Half-pixel rule: a pixel reaches half a pixel to each side of its centre.
     region = Region(10, 20, 8, 6, scale_u=2, scale_v=0.5)
@@ -110,11 +128,13 @@ def test_whole_numbers_of_any_kind():
 def test_crop_does_not_leave_the_image(region, found):
     with pytest.raises(DatasetError, match=rf"inside the image of 80 x 60 px, got {found}; shift it"):
         region.crop(IMAGE)
+    with pytest.raises(DatasetError, match=f"got {found}; shift it"):
+        region.check_inside((80, 60))
 
 
-def test_crop_takes_one_plane():
+def test_crop_takes_one_picture():
     with pytest.raises(
-        DatasetError, match=r"luma: expected shape \(height, width\), got \(60, 80, 1\); pass one plane"
+        DatasetError, match=r"image: expected shape \(height, width\) or \(height, width, 3\), got \(60, 80, 1\); pass"
     ):
         Region(0, 0, 5, 5).crop(IMAGE[..., None])
 

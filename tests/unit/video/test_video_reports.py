@@ -1,10 +1,12 @@
 """What a pass reports, with sources that are made up; and the rule for dropped frames."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from vfm_sdm.errors import DatasetError, VideoError
-from vfm_sdm.video import DecodeReport, DecodeStop, Video, VideoInfo
+from vfm_sdm.video import DecodeReport, DecodeStop, Frame, Region, Video, VideoInfo
 from vfm_sdm.video.clock import count_dropped
 from vfm_sdm.video.integrity import missing_bytes
 
@@ -17,6 +19,7 @@ class MadeUp:
         self._error = error
         self.closed = 0
         self.pulled = 0
+        self.converted = []
         facts = {"fps": 10.0, "frame_count": None, "duration_s": None, **claims}
         self.info = VideoInfo("made up", 6, 4, codec="none", pixel_format="gray", bit_depth=8, rotation_deg=0, **facts)
 
@@ -24,14 +27,15 @@ class MadeUp:
         try:
             for number, time_s in enumerate(self._time_s):
                 self.pulled += 1
-                yield time_s, np.full((4, 6), number % 256, np.uint8)
+                yield Frame(number, time_s, np.full((4, 6), number % 256, np.uint8), partial(self.convert, number))
             if self._error is not None:
                 raise self._error
         finally:
             self.closed += 1
 
-    def color(self, index):
-        return np.full((4, 6, 3), index, np.uint8)
+    def convert(self, number, region):
+        self.converted.append((number, region))
+        return np.full((region.height, region.width, 3), number, np.uint8)
 
 
 TENTHS = np.arange(20) / 10
@@ -43,6 +47,20 @@ def test_before_any_pass():
     assert video.first_frame().time_s == 0
     assert video.color_frame(3)[0, 0, 0] == 3
     assert video.report.status == "not read"
+
+
+def test_colours_are_converted_only_where_asked():
+    source = MadeUp(TENTHS)
+    frames = list(Video(source).frames(stop=5))
+    assert source.converted == []
+    half = frames[3].color(Region(2, 0, 4, 2, scale_u=0.5, scale_v=0.5))
+    assert half.shape == (1, 2, 3)
+    assert half.max() == 3
+    assert frames[4].color().shape == (4, 6, 3)
+    assert source.converted == [(3, Region(2, 0, 4, 2)), (4, Region(0, 0, 6, 4))]
+    with pytest.raises(DatasetError, match="inside the image of 6 x 4 px, got columns 3 to 6"):
+        frames[4].color(Region(3, 0, 4, 2))
+    assert len(source.converted) == 2
 
 
 def test_stop_reads_no_further():
@@ -87,7 +105,7 @@ def test_a_file_that_the_user_has_to_mend():
 
 
 def test_no_first_frame():
-    with pytest.raises(VideoError, match=r"made up: expected a first frame, got none \(gone\); check the file"):
+    with pytest.raises(VideoError, match=r"made up: expected a frame 0, got 0 frames \(gone\); check the file"):
         Video(MadeUp([], DecodeStop("corrupt", "gone"))).first_frame()
 
 

@@ -77,6 +77,25 @@ def write_clip(
     return Path(path)
 
 
+def write_colors(path, size, *, codec="libx264", pixel_format="yuv420p", options=None, count=2, rotation=None, seed=0):
+    """Encode pictures of strong colours that differ from each other."""
+    width, height = size
+    rng = np.random.default_rng(seed)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=RATE, options=options or {})
+        stream.width, stream.height, stream.pix_fmt = width, height, pixel_format
+        if rotation is not None:
+            stream.set_display_rotation(rotation)
+        for _ in range(count):
+            # Patches of a few pixels, so that borders between colours lie everywhere, and single pixels on top.
+            coarse = rng.integers(0, 256, (height // 5, width // 5, 3), dtype=np.uint8)
+            rgb = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC).astype(int)
+            rgb = np.clip(rgb + rng.integers(-30, 31, rgb.shape), 0, 255).astype(np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format=pixel_format)))
+        container.mux(stream.encode(None))
+    return Path(path)
+
+
 def decoded(path):
     """All pictures of a sound file as the decoder gives them, by a plain loop of PyAV."""
     with av.open(str(path)) as container:
