@@ -1,0 +1,78 @@
+"""Likeness of tracks' features with the feature maps around them, at several scales.
+
+Only the windows are sampled: of a map of h x w cells, (2 r + 2)^2 cells a track and frame are read, and no volume of
+all products is made.
+"""
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F  # noqa: N812
+
+__all__ = ["correlate", "make_pyramid", "sample_linear"]
+
+
+def make_pyramid(features: Tensor, levels: int) -> list[Tensor]:
+    """Feature maps (S, h, w, C), and the same averaged over 2 x 2 cells, ``levels`` in all."""
+    pyramid = [features]
+    for _ in range(levels - 1):
+        coarser = F.avg_pool2d(pyramid[-1].permute(0, 3, 1, 2), 2)
+        pyramid.append(coarser.permute(0, 2, 3, 1).contiguous())
+    return pyramid
+
+
+def correlate(pyramid: list[Tensor], tracks: Tensor, positions: Tensor, *, radius: int) -> Tensor:
+    """Products of tracks' features with windows of the maps around their positions.
+
+    Parameters
+    ----------
+    pyramid
+        Of `make_pyramid`: shape (S, h, w, C) each.
+    tracks
+        Features, shape (T, S, C).
+    positions
+        Column and row on the finest map, shape (T, S, 2).
+    radius
+        Windows reach so many cells to each side.
+
+    Returns
+    -------
+    correlation
+        Shape (T, S, levels x (2 radius + 1)^2), divided by the root of C; the column varies slowest. Zero outside.
+
+    Notes
+    -----
+    A product with an interpolated feature is the interpolation of products, and all cells of a window share one
+    fraction, so that (2 radius + 2)^2 products make the window.
+    """
+    scaled = tracks / tracks.shape[-1] ** 0.5
+    frames = torch.arange(positions.shape[1], device=positions.device)[:, None, None]
+    reach = torch.arange(-radius, radius + 2, device=positions.device)
+    found = []
+    for level, features in enumerate(pyramid):
+        rows, columns = features.shape[1:3]
+        place = positions / 2**level
+        corner = place.floor()
+        u, v = (place - corner)[..., None, None, :].unbind(-1)
+        # A side of one cell is that cell everywhere: coordinates have no scale on it.
+        column = (corner[..., 0, None, None].long() + reach[:, None]) * (columns > 1)
+        row = (corner[..., 1, None, None].long() + reach) * (rows > 1)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        cells = features[frames, row.clamp(0, rows - 1), column.clamp(0, columns - 1)]
+        products = (cells * scaled[:, :, None, None]).sum(-1) * inside
+        across = (1 - u) * products[:, :, :-1] + u * products[:, :, 1:]
+        window = (1 - v) * across[..., :-1] + v * across[..., 1:]
+        found.append(window.flatten(2))
+    return torch.cat(found, dim=-1)
+
+
+def sample_linear(features: Tensor, positions: Tensor) -> Tensor:
+    """Features (T, C) of one map (h, w, C) at columns and rows (T, 2), bilinear; outside, those of the border."""
+    limits = positions.new_tensor([features.shape[1] - 1, features.shape[0] - 1])
+    place = torch.minimum(positions.clamp(min=0), limits)
+    corner = place.floor()
+    u, v = (place - corner).unsqueeze(-1).unbind(1)
+    left, top = corner.long().unbind(1)
+    right, bottom = torch.minimum(corner + 1, limits).long().unbind(1)
+    upper = (1 - u) * features[top, left] + u * features[top, right]
+    lower = (1 - u) * features[bottom, left] + u * features[bottom, right]
+    return (1 - v) * upper + v * lower

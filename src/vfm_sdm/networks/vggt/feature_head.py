@@ -1,0 +1,130 @@
+"""Feature map at half the image's resolution: a dense prediction transformer (Ranftl et al., ICCV 2021)."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F  # noqa: N812
+
+from vfm_sdm.networks.vggt.config import VggtConfig
+
+__all__ = ["FeatureHead"]
+
+_FRAMES = 8
+"""Frames at one time. They do not depend on each other; more of them only take more memory."""
+
+
+class FeatureHead(nn.Module):
+    """Feature maps of frames from four layers of the aggregator."""
+
+    def __init__(self, config: VggtConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = 2 * config.width
+        one, two, three, four = config.feature_channels
+        self.norm = nn.LayerNorm(width)
+        self.projects = nn.ModuleList(nn.Conv2d(width, channels, 1) for channels in config.feature_channels)
+        self.resize_layers = nn.ModuleList(
+            [
+                nn.ConvTranspose2d(one, one, 4, stride=4),
+                nn.ConvTranspose2d(two, two, 2, stride=2),
+                nn.Identity(),
+                nn.Conv2d(four, four, 3, stride=2, padding=1),
+            ]
+        )
+        self.scratch = _Fusion((one, two, three, four), config.features)
+
+    def forward(self, tokens: Mapping[int, Tensor], image_size: tuple[int, int]) -> Tensor:
+        """Feature maps.
+
+        Parameters
+        ----------
+        tokens
+            By layer: shape (S, special + patches, 2 C).
+        image_size
+            Height and width of the image [px].
+
+        Returns
+        -------
+        features
+            Shape (S, features, H / 2, W / 2).
+        """
+        layers = [tokens[layer] for layer in self.config.feature_layers]
+        # Never in reduced precision: positions are read off these maps to a fraction of a cell.
+        with torch.autocast(layers[0].device.type, enabled=False):
+            parts = [
+                self._few([layer[start : start + _FRAMES].to(self.norm.weight.dtype) for layer in layers], image_size)
+                for start in range(0, len(layers[0]), _FRAMES)
+            ]
+        return torch.cat(parts)
+
+    def _few(self, layers: list[Tensor], image_size: tuple[int, int]) -> Tensor:
+        height, width = image_size
+        y: Tensor = self.scratch(self.maps(layers, image_size))
+        return F.interpolate(y, size=(height // 2, width // 2), mode="bilinear", align_corners=True)
+
+    def maps(self, layers: list[Tensor], image_size: tuple[int, int]) -> list[Tensor]:
+        """Maps (S, channels, rows, columns) of the four layers, at 4, 2, 1 and 1/2 cells a patch."""
+        patch = self.config.patch_size
+        grid = (image_size[0] // patch, image_size[1] // patch)
+        found = []
+        for layer, project, resize in zip(layers, self.projects, self.resize_layers, strict=True):
+            patches = self.norm(layer[:, self.config.special_tokens :])
+            found.append(resize(project(patches.transpose(1, 2).unflatten(2, grid))))
+        return found
+
+
+class _Fusion(nn.Module):
+    """Four maps made into one, from the coarsest to the finest."""
+
+    def __init__(self, channels: tuple[int, ...], features: int) -> None:
+        super().__init__()
+        for level, count in enumerate(channels, start=1):
+            self.add_module(f"layer{level}_rn", nn.Conv2d(count, features, 3, padding=1, bias=False))
+            self.add_module(f"refinenet{level}", _FusionStep(features, joins=level < len(channels)))
+        self.output_conv1 = nn.Conv2d(features, features, 3, padding=1)
+        self.levels = len(channels)
+
+    def forward(self, maps: list[Tensor]) -> Tensor:
+        """Maps from fine to coarse; the result has twice the finest one's size."""
+        reduced = [self.get_submodule(f"layer{level}_rn")(m) for level, m in enumerate(maps, start=1)]
+        fused: Tensor | None = None
+        for level in range(self.levels, 0, -1):
+            finer = reduced[level - 2].shape[-2:] if level > 1 else [2 * n for n in reduced[0].shape[-2:]]
+            step = self.get_submodule(f"refinenet{level}")
+            fused = step(reduced[level - 1], fused, size=finer)
+        y: Tensor = self.output_conv1(fused)
+        return y
+
+
+class _FusionStep(nn.Module):
+    """A map joined with what comes from coarser ones, then enlarged."""
+
+    def __init__(self, features: int, *, joins: bool) -> None:
+        super().__init__()
+        self.out_conv = nn.Conv2d(features, features, 1)
+        if joins:
+            self.resConfUnit1 = _ResidualUnit(features)
+        self.resConfUnit2 = _ResidualUnit(features)
+
+    def forward(self, own: Tensor, coarser: Tensor | None, *, size: list[int]) -> Tensor:
+        """Shape (S, features, rows, columns) to this ``size``."""
+        joined = own if coarser is None else coarser + self.resConfUnit1(own)
+        enlarged = F.interpolate(self.resConfUnit2(joined), size=size, mode="bilinear", align_corners=True)
+        y: Tensor = self.out_conv(enlarged)
+        return y
+
+
+class _ResidualUnit(nn.Module):
+    """Two convolutions beside a shortcut that carries the *rectified* input, as the checkpoints were trained with."""
+
+    def __init__(self, features: int) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(features, features, 3, padding=1)
+        self.conv2 = nn.Conv2d(features, features, 3, padding=1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Shape (S, features, rows, columns), unchanged."""
+        rectified = F.relu(x)
+        y: Tensor = rectified + self.conv2(F.relu(self.conv1(rectified)))
+        return y

@@ -1,0 +1,125 @@
+"""VGGT on images as NumPy arrays: loaded once, run where there is room."""
+
+from typing import Self
+
+import numpy as np
+import torch
+from torch import nn
+
+from vfm_sdm.arrays import FloatArray
+from vfm_sdm.networks.device import Placement, Precision, choose_placement
+from vfm_sdm.networks.found import ChunkTracks, RgbFrames
+from vfm_sdm.networks.loading import load_weights
+from vfm_sdm.networks.vggt.model import Vggt
+
+__all__ = ["VggtInference"]
+
+_CHANNEL_BYTES = 50
+"""Peak memory of a token's channel in the aggregator: residual, queries, keys, values, hidden units [byte]."""
+_FEATURE_BYTES = 12
+"""Of a feature map's value: the maps, the same normalised, and the coarser levels [byte]."""
+
+
+class VggtInference:
+    """A network on its device.
+
+    Parameters
+    ----------
+    network
+        With its weights.
+    placement
+        Where and how it runs.
+    """
+
+    def __init__(self, network: Vggt, placement: Placement) -> None:
+        self.placement = placement
+        if placement.reduced:
+            _reduce(network.aggregator)
+        self.network = network.eval().to(placement.device)
+
+    @classmethod
+    def load(
+        cls,
+        weights: str,
+        *,
+        device: str = "auto",
+        precision: Precision = "auto",
+        camera: bool = False,
+        track: bool = False,
+    ) -> Self:
+        """The published network with the heads that are asked for; the others are neither built nor read.
+
+        Raises
+        ------
+        BackendUnavailableError
+            The weights are not here or are others, or there is no such device.
+        """
+        placement = choose_placement(device, precision)
+        with torch.device("meta"):
+            network = Vggt(camera=camera, track=track)
+        load_weights(network, weights, optional_prefixes=network.heads_left_out, dtype=torch.float32)
+        return cls(network, placement)
+
+    def estimate_poses(self, images: RgbFrames) -> FloatArray:
+        """Pose vectors (`vfm_sdm.networks.vggt.pose`) of images (S, H, W, 3) seen together, shape (S, 9).
+
+        Raises
+        ------
+        DatasetError
+            The images' sides are not multiples of a patch.
+        MemoryError
+            They do not fit.
+        """
+        with self.placement.running():
+            return self.network.estimate_poses(self._tensor(images))[-1].double().cpu().numpy()
+
+    def follow(self, frames: RgbFrames, queries: FloatArray) -> ChunkTracks:
+        """Points of the first frame followed through all, each as if alone, after one pass through the backbone.
+
+        Parameters
+        ----------
+        frames
+            Shape (S, H, W, 3).
+        queries
+            Column and row in the first frame, shape (N, 2) [px].
+
+        Raises
+        ------
+        DatasetError
+            The frames' sides are not multiples of a patch, or too short.
+        MemoryError
+            They do not fit.
+        """
+        with self.placement.running():
+            points = torch.as_tensor(queries, dtype=self._dtype, device=self.placement.device)
+            # Groups of one: points of one group would see each other.
+            tracks = self.network.track(self._tensor(frames), points[:, None])
+            found = (tracks.positions[-1], tracks.visibility, tracks.confidence)
+            return ChunkTracks(*(part[:, 0].transpose(0, 1).double().cpu().numpy() for part in found))
+
+    def plan_frames(self, height: int, width: int) -> int | None:
+        """How many frames of this size fit the free memory; ``None`` where that is not known."""
+        free = self.placement.free_bytes()
+        if free is None:
+            return None
+        config = self.network.config
+        tokens = (height // config.patch_size) * (width // config.patch_size) + config.special_tokens
+        kept = len(config.feature_layers) * 2 * config.width * (2 if self.placement.reduced else 4)
+        working = config.width * _CHANNEL_BYTES * (1 if self.placement.reduced else 2)
+        maps = config.features * (height // 2) * (width // 2) * _FEATURE_BYTES
+        return int(free // (tokens * (kept + working) + maps))
+
+    @property
+    def _dtype(self) -> torch.dtype:
+        return self.network.aggregator.camera_token.dtype
+
+    def _tensor(self, images: RgbFrames) -> torch.Tensor:
+        pixels = torch.from_numpy(np.ascontiguousarray(images)).to(self.placement.device)
+        return pixels.permute(0, 3, 1, 2).to(self._dtype) / 255
+
+
+def _reduce(module: nn.Module) -> None:
+    """Weights of matrix products in bfloat16, as they are multiplied: half the memory, and nothing is cast twice."""
+    for layer in module.modules():
+        if isinstance(layer, nn.Linear | nn.Conv2d):
+            layer.to(torch.bfloat16)
