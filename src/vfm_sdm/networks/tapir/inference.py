@@ -1,0 +1,95 @@
+"""TAPIR on frames as NumPy arrays: loaded once, run where there is room."""
+
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+
+from vfm_sdm.arrays import FloatArray
+from vfm_sdm.networks.device import Placement, Precision, choose_placement
+from vfm_sdm.networks.found import ChunkTracks, RgbFrames
+from vfm_sdm.networks.loading import load_weights
+from vfm_sdm.networks.tapir.config import TapirConfig
+from vfm_sdm.networks.tapir.model import Tapir
+
+__all__ = ["TapirInference", "config_of"]
+
+_FRAME_PIXEL_BYTES = 100
+"""Peak memory of a frame, a pixel of it: feature grids, and what passes the backbone in its chunk [byte]."""
+_CORNER = 0.5
+"""TAPIR has the image's corner at (0, 0); here that is the centre of the top-left pixel."""
+
+
+def config_of(weights: str | Path) -> TapirConfig:
+    """The network that a file of weights belongs to, told by its name: causal weights have the same keys and shapes."""
+    name = Path(weights).name
+    if "panning" in name:
+        return TapirConfig.tapir_panning()
+    return TapirConfig.bootstapir_causal() if "causal" in name else TapirConfig.bootstapir()
+
+
+class TapirInference:
+    """A network on its device.
+
+    Parameters
+    ----------
+    network
+        With its weights.
+    placement
+        Where and how it runs.
+    """
+
+    def __init__(self, network: Tapir, placement: Placement) -> None:
+        self.placement = placement
+        self.network = network.eval().to(placement.device)
+
+    @classmethod
+    def load(cls, weights: str, *, device: str = "auto", precision: Precision = "auto") -> Self:
+        """The published network.
+
+        Raises
+        ------
+        BackendUnavailableError
+            The weights are not here or are others, or there is no such device.
+        """
+        # It is small: reduced precision would cost accuracy and save little, so only who asks for it gets it.
+        placement = choose_placement(device, "float32" if precision == "auto" else precision)
+        with torch.device("meta"):
+            network = Tapir(config_of(weights))
+        load_weights(network, weights, dtype=torch.float32)
+        return cls(network, placement)
+
+    def follow(self, frames: RgbFrames, queries: FloatArray) -> ChunkTracks:
+        """Points of the first frame followed through all; each is independent of the others.
+
+        Parameters
+        ----------
+        frames
+            Shape (S, H, W, 3).
+        queries
+            Column and row in the first frame, shape (N, 2) [px].
+
+        Raises
+        ------
+        DatasetError
+            The frames have another shape.
+        MemoryError
+            They do not fit.
+        """
+        with self.placement.running():
+            pixels = torch.from_numpy(np.ascontiguousarray(frames)).to(self.placement.device)
+            places = torch.as_tensor(queries + _CORNER, dtype=torch.float32, device=self.placement.device)
+            asked = torch.cat([torch.zeros_like(places[:, :1]), places.flip(1)], dim=1)
+            found = self.network.track(pixels.float() / 255 * 2 - 1, asked)
+            position = found.tracks.transpose(0, 1).double().cpu().numpy() - _CORNER
+            seen, sure = (
+                torch.sigmoid(-logits.float()).T.double().cpu().numpy()
+                for logits in (found.occlusion, found.expected_dist)
+            )
+            return ChunkTracks(position, seen, sure)
+
+    def plan_frames(self, height: int, width: int) -> int | None:
+        """How many frames of this size fit the free memory; ``None`` where that is not known."""
+        free = self.placement.free_bytes()
+        return None if free is None else int(free // (height * width * _FRAME_PIXEL_BYTES))

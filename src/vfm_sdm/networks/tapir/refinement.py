@@ -1,0 +1,94 @@
+"""Refinement: local correlations along the tracks, and the mixer's updates of position, logits and features."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from vfm_sdm.networks.tapir.config import TapirConfig
+from vfm_sdm.networks.tapir.features import FeatureGrids, frame_chunks, scale_between
+from vfm_sdm.networks.tapir.mixer import MixerState, TemporalMixer
+from vfm_sdm.networks.tapir.results import Estimate, PointFeatures
+from vfm_sdm.networks.tapir.sampling import correlate_windows
+
+__all__ = ["gather_evidence", "refine"]
+
+
+def refine(
+    mixer: TemporalMixer,
+    grids: FeatureGrids,
+    points: PointFeatures,
+    start: Estimate,
+    *,
+    config: TapirConfig,
+    past: Sequence[MixerState] = (),
+    frame_chunk: int = 1,
+) -> tuple[list[Estimate], list[MixerState]]:
+    """Estimates after each iteration at one resolution, and the mixer's state after each.
+
+    Parameters
+    ----------
+    mixer
+        Gives the updates.
+    grids
+        Features of the frames at this resolution.
+    points
+        Features of the N query points at this resolution. Each frame's own copy of them is refined along with the
+        position, from these values on.
+    start
+        Where the iterations begin.
+    config
+        Iterations, windows and the initial resolution, in whose pixels positions are.
+    past
+        State of each iteration before these frames; none at the start of a video.
+    frame_chunk
+        Frames that are correlated at a time.
+
+    Notes
+    -----
+    TAPIR, Sec. 3.2. The mixer's shifts are in pixels of the resized video.
+    """
+    to_initial = scale_between(grids.resolution, config.initial_resolution, points.lowres)
+    estimate = start
+    feature = torch.cat([points.hires, points.lowres], dim=-1)[:, None].expand(-1, len(grids.lowres), -1)
+    estimates, states = [], []
+    for iteration in range(config.iterations):
+        evidence = gather_evidence(grids, estimate, feature, config=config, frame_chunk=frame_chunk)
+        update, state = mixer(evidence, past[iteration] if past else None)
+        shift, occlusion, expected_dist, change = torch.split(update, [2, 1, 1, feature.shape[-1]], dim=-1)
+        estimate = Estimate(
+            estimate.position + shift * to_initial,
+            estimate.occlusion + occlusion[..., 0],
+            estimate.expected_dist + expected_dist[..., 0],
+        )
+        feature = feature + change
+        estimates.append(estimate)
+        states.append(state)
+    return estimates, states
+
+
+def gather_evidence(
+    grids: FeatureGrids, estimate: Estimate, feature: Tensor, *, config: TapirConfig, frame_chunk: int
+) -> Tensor:
+    """What the mixer sees (N, T, inputs): two zeros, the two logits, the features (N, T, C), the correlations.
+
+    The fine grid is correlated with the fine part of the features, which comes first, the others with the rest.
+    """
+    fine, coarse = torch.split(feature, [config.hires_channels, config.lowres_channels], dim=-1)
+    correlations = []
+    for grid, wanted in zip(grids.pyramid, (fine, *[coarse] * (1 + config.pyramid_level)), strict=True):
+        size = (grid.shape[2], grid.shape[3])
+        cells = estimate.position * scale_between(config.initial_resolution, size, estimate.position)
+        windows = [
+            correlate_windows(
+                grid[frames],
+                cells[:, frames],
+                wanted[:, frames],
+                radius=config.window_radius,
+                square_sampling=config.square_sampling,
+            )
+            for frames in frame_chunks(len(grid), frame_chunk)
+        ]
+        correlations.append(torch.cat(windows, dim=1))
+    logits = torch.stack([estimate.occlusion, estimate.expected_dist], dim=-1)
+    return torch.cat([torch.zeros_like(logits), logits, feature, *correlations], dim=-1)
