@@ -18,6 +18,7 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.prompt import Confirm
 
 from vfm_sdm import __version__, reports
 from vfm_sdm.accelerometer import RecipeSettings
@@ -26,6 +27,8 @@ from vfm_sdm.environment import describe_environment
 from vfm_sdm.errors import DatasetError, VfmSdmError
 from vfm_sdm.evaluation import evaluate_run, read_sensors, write_evaluation, write_reference
 from vfm_sdm.measurement import Run, measure
+from vfm_sdm.networks.checkpoints import CHECKPOINTS
+from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
 from vfm_sdm.pipeline import Progress as Callback
 from vfm_sdm.protocol import run_benchmark
 from vfm_sdm.results import write_mat, write_uff
@@ -39,6 +42,9 @@ app = cyclopts.App(
     help="Structural displacement in millimetres from two ordinary cameras and one measured length.",
     version=__version__,
 )
+
+weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundation models: list and fetch them.")
+app.command(weights)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]
@@ -228,6 +234,34 @@ def benchmark_command(
     _out.print(f"written: {output / 'README.md'}, tables and figures beside it; {result.seconds / 60:.1f} min")
 
 
+@weights.command(name="list")
+def list_weights() -> None:
+    """Every checkpoint: its network, size and licence, and where it lies or how to fetch it."""
+    _out.print(f"weights in {weights_folder()}", markup=False, highlight=False, soft_wrap=True)
+    _out.print(reports.weights_table())
+
+
+@weights.command
+def fetch(
+    name: Annotated[str, Parameter(help="As `vfm-sdm weights list` names it.")],
+    *,
+    accept_licence: Annotated[
+        bool, Parameter(negative="", help="Acknowledge the licence of these weights; remembered.")
+    ] = False,
+) -> None:
+    """Download a checkpoint after its licence was acknowledged; a download cut short leaves nothing behind."""
+    accepted = accept_licence or _acknowledged(name)
+    with _progress() as progress:
+        path = fetch_weights(
+            name,
+            accept_licence=accepted,
+            progress=lambda done, total: progress(
+                f"{name}, MB", done // 10**6, None if total is None else total // 10**6
+            ),
+        )
+    _out.print(f"here: {path}", markup=False, highlight=False, soft_wrap=True)
+
+
 @app.command
 def info() -> None:
     """Versions, processors, codecs, and which back ends can run here and why others cannot."""
@@ -235,6 +269,16 @@ def info() -> None:
         _out.print(f"[bold]{name}[/bold]")
         for line in lines:
             _out.print(f"  {line}", markup=False, highlight=False)
+
+
+def _acknowledged(name: str) -> bool:
+    """Asks for the licence where a person can answer and has not yet done so."""
+    if is_licence_accepted(name) or local_weights(name).is_file() or not sys.stdin.isatty():
+        return False
+    one = CHECKPOINTS[name]
+    for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
+        _err.print(line, markup=False, highlight=False)
+    return Confirm.ask("Have you read this licence, and do you accept it?", console=_err, default=False)
 
 
 def _fail(reason: str) -> NoReturn:

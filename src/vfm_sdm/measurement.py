@@ -5,10 +5,10 @@ import json
 import platform
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from glob import glob
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,10 @@ import xarray as xr
 
 from vfm_sdm.arrays import LumaArray
 from vfm_sdm.audit import Audit
-from vfm_sdm.cameras.base import find_estimator
+from vfm_sdm.cameras.base import estimator_of
 from vfm_sdm.cameras.solution import CameraSolution, read_solution, write_solution
 from vfm_sdm.errors import ResultsError
-from vfm_sdm.pipeline import Progress, audit_of, displacement_of, open_views, solve_cameras, track_views
+from vfm_sdm.pipeline import Progress, audit_of, displacement_of, solve_cameras, track_views
 from vfm_sdm.plots import save_figures
 from vfm_sdm.results import (
     describe_camera_motion,
@@ -35,13 +35,15 @@ from vfm_sdm.results import (
     write_summary,
     write_tracks,
 )
-from vfm_sdm.session import Session, file_hash, session_hash, write_session
-from vfm_sdm.tracking.base import Tracker, find_tracker
+from vfm_sdm.session import Session, file_hash, open_views, session_hash, write_session
+from vfm_sdm.tracking.base import find_tracker, tracker_of
 from vfm_sdm.video import Video
 
 __all__ = ["Measurement", "Run", "measure"]
 
 _PACKAGES = ("vfm-sdm", "numpy", "scipy", "xarray", "av", "opencv-python-headless", "numba", "poselib")
+_OPTIONAL = ("torch", "pycolmap", "transformers")
+_CAMERA_SETTINGS = ("method.cameras", "method.subset_px", "method.correspondence", "method.network")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +105,10 @@ class Run:
         BackendUnavailableError
             One of them is unknown or cannot run here.
         """
-        find_estimator(self.session.method.cameras)
-        self._tracker()
+        estimator_of(self.session.method)
+        tracker_of(self.session.method)
+        if self.session.method.correspondence == "vggt":
+            find_tracker("vggt", network=self.session.method.network)
 
     @property
     def videos(self) -> dict[str, Video]:
@@ -130,7 +134,7 @@ class Run:
 
     def cameras(self) -> CameraSolution:
         """Cameras, axes and points, written to ``cameras.toml``."""
-        key = self._key("view", "site", "point", "chessboard", "method.cameras", "method.subset_px")
+        key = self._key("view", "site", "point", "chessboard", *_CAMERA_SETTINGS)
         path = self._path("cameras.toml")
         if path is not None and path.exists():
             solution, found = read_solution(path)
@@ -149,14 +153,14 @@ class Run:
         # Not the whole view: a better lens prior must not cost another pass over the recordings.
         sources = [[v.name, str(v.video), v.images, v.fps] for v in self.session.view]
         pixels = json.dumps([sources, {v: dict(p) for v, p in cameras.points.items()}], sort_keys=True)
-        key = self._key("method.tracker", "method.subset_px", extra=pixels)
+        key = self._key("method.tracker", "method.subset_px", "method.network", extra=pixels)
         path = self._path("tracks.nc")
         if path is not None and path.exists():
             tracks = read_tracks(path)
             if all(t.attrs.get("key") == key for t in tracks.values()) and list(tracks) == list(self.videos):
                 self.reused.append("tracking")
                 return tracks
-        tracker = self._tracker()
+        tracker = tracker_of(self.session.method)
         with self._timed("tracking"):
             tracks = track_views(self.videos, cameras.points, tracker, progress=self.progress)
         for view, video in self.videos.items():
@@ -242,9 +246,6 @@ class Run:
         pixels = video.info.width * video.info.height * max(video.report.frames, 1)
         return float("nan") if source is None else 8 * self.session.resolve(source).stat().st_size / pixels
 
-    def _tracker(self) -> Tracker:
-        return find_tracker(self.session.method.tracker, subset_px=self.session.method.subset_px)
-
     def _key(self, *parts: str, extra: str = "") -> str:
         """Hash of those parts of the session, and of the input files, that a stage depends on."""
         fields = self.session.model_dump(mode="json")
@@ -301,7 +302,11 @@ def measure(session: Session, folder: Path | str | None = None, *, progress: Pro
 
 def versions() -> dict[str, str]:
     """Versions of what a result depends on."""
-    return {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
+    found = {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
+    for name in _OPTIONAL:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def _prepare_folder(folder: Path) -> None:

@@ -14,7 +14,7 @@ from vfm_sdm.agreement import compute_gain_difference
 from vfm_sdm.arrays import FloatArray, LumaArray
 from vfm_sdm.audit import Audit, AuditInputs, audit
 from vfm_sdm.camera_motion import ViewMotion, remove_camera_motion
-from vfm_sdm.cameras.base import Matches, find_estimator
+from vfm_sdm.cameras.base import Matches, estimator_of
 from vfm_sdm.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.cameras.solution import CameraSolution
 from vfm_sdm.datasets import Status, make_tracks
@@ -30,14 +30,13 @@ from vfm_sdm.tracking.correspondence import OK
 from vfm_sdm.tracking.scatter import include_scatter
 from vfm_sdm.tracking.template import scale_factor
 from vfm_sdm.uncertainty import BudgetInputs, add_uncertainty
-from vfm_sdm.video import Video, open_images, open_video
+from vfm_sdm.video import Video
 
 __all__ = [
     "ONE_VIEW",
     "Progress",
     "audit_of",
     "displacement_of",
-    "open_views",
     "solve_cameras",
     "steady_tracks",
     "synchronize_tracks",
@@ -53,23 +52,6 @@ _SEARCH_S = 3.0
 """How far from the stated offset between views the true one may be [s]."""
 _NAMED_PIXEL_STD = 0.5
 """How well a user points at the end of a length [px]."""
-
-
-def open_views(session: Session) -> dict[str, Video]:
-    """The recordings of all views by name, in the session's order.
-
-    Raises
-    ------
-    VideoError
-        A file is missing or holds no frame.
-    """
-    videos = {}
-    for view in session.view:
-        if view.video is not None:
-            videos[view.name] = open_video(session.resolve(view.video))
-        else:
-            videos[view.name] = open_images(session.resolve_pattern(str(view.images)), float(view.fps or 0.0))
-    return videos
 
 
 def solve_cameras(session: Session, frames: Mapping[str, LumaArray]) -> CameraSolution:
@@ -96,7 +78,7 @@ def solve_cameras(session: Session, frames: Mapping[str, LumaArray]) -> CameraSo
         return CameraSolution(
             None, None, None, named_here, {view: {p.name: OK for p in session.point}}, status=ONE_VIEW
         )
-    estimate = find_estimator(session.method.cameras).estimate(session, frames)
+    estimate = estimator_of(session.method).estimate(session, frames)
     if estimate.rig is None:
         named = {
             view: {p.name: (p.pixel if p.view == view else (np.nan, np.nan)) for p in session.point} for view in frames

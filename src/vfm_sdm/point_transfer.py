@@ -1,6 +1,7 @@
 """Points named in one view, carried into all others (section Overall pipeline, step A of Figure 4)."""
 
 from collections.abc import Mapping, Sequence
+from itertools import permutations
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from vfm_sdm.cameras.features import match_features
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import sampson_error
-from vfm_sdm.session import Point, Session
+from vfm_sdm.session import Point, Session, first_color_frames
 from vfm_sdm.tracking.correspondence import NOT_FOUND, NOT_RETURNED, OK, Surface, find_correspondences
+from vfm_sdm.tracking.network_correspondence import locate_points
+from vfm_sdm.tracking.vggt import VggtTracker
 
 __all__ = ["transfer_on_face", "transfer_points"]
 
@@ -37,6 +40,7 @@ def transfer_points(
     """
     views = list(frames)
     matches = matches or _features_near(rig, list(frames.values()))
+    located = _located_by_network(session, views)
     pixels = {p.name: np.full((len(views), 2), np.nan) for p in session.point}
     states: dict[str, dict[str, str]] = {p.name: {} for p in session.point}
     for source, source_view in enumerate(views):
@@ -52,7 +56,11 @@ def transfer_points(
                 rig,
                 matches=_pair(matches, source, target),
                 subset_px=session.method.subset_px,
-                given={i: np.array(p.pixel_in[target_view]) for i, p in enumerate(named) if target_view in p.pixel_in},
+                given={
+                    i: np.array(places[target_view])
+                    for i, p in enumerate(named)
+                    if target_view in (places := {**located[p.name], **p.pixel_in})
+                },
             )
             for p, position, state in zip(named, found.points2d, found.status, strict=True):
                 pixels[p.name][target] = position
@@ -109,6 +117,24 @@ def transfer_on_face(
                     pixels[p.name][target], states[p.name][view] = position, OK
                     any_found = True
     return any_found
+
+
+def _located_by_network(session: Session, views: Sequence[str]) -> dict[str, dict[str, FloatArray]]:
+    """Pixels (2,) by point and view where VGGT's tracker sees the points, if the session asks it."""
+    located: dict[str, dict[str, FloatArray]] = {p.name: {} for p in session.point}
+    if session.method.correspondence != "vggt":
+        return located
+    network = VggtTracker(network=session.method.network).inference
+    colors = first_color_frames(session)
+    for source, target in permutations(views, 2):
+        named = [p for p in session.point if p.view == source]
+        if not named:
+            continue
+        places = locate_points(network, colors[source], colors[target], np.array([p.pixel for p in named]))
+        for p, place in zip(named, places, strict=True):
+            if np.isfinite(place).all():
+                located[p.name][target] = place
+    return located
 
 
 def _is_missing(point: Point, view: str, states: Mapping[str, Mapping[str, str]]) -> bool:

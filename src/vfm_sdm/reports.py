@@ -15,6 +15,8 @@ from vfm_sdm.cameras.solution import CameraSolution
 from vfm_sdm.datasets import STATUS_MEANINGS, Status
 from vfm_sdm.evaluation import Evaluation, EvaluationRow
 from vfm_sdm.measurement import Measurement
+from vfm_sdm.networks.checkpoints import CHECKPOINTS
+from vfm_sdm.networks.weights import local_weights
 from vfm_sdm.results import summarize_displacement
 from vfm_sdm.tracking.correspondence import OK
 from vfm_sdm.uncertainty import COVERAGE_FACTOR
@@ -35,6 +37,7 @@ __all__ = [
     "reference_table",
     "track_table",
     "truth_table",
+    "weights_table",
 ]
 
 
@@ -249,6 +252,19 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     counted = f"{len(evaluation.rows_with_figures)} of {len(evaluation.rows)}"
     table.add_row("mean", counted, *(_number(mean, "{:.3f}") for mean, _ in metrics))
     table.add_row("std", "", *(_number(std, "{:.3f}") for _, std in metrics))
+    return table
+
+
+def weights_table() -> Table:
+    """Network, size and licence of every checkpoint, and its file where it is here."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("name", "network", "size", "licence", "here"):
+        table.add_column(Text(name), justify="right" if name == "size" else "left")
+    for name, one in CHECKPOINTS.items():
+        file = local_weights(name)
+        licence = f"{one.licence} (gated)" if one.gated else one.licence
+        table.add_row(name, one.network, one.size, licence, file.name if file.is_file() else "not here")
+    table.caption, table.caption_justify = Text("not here: vfm-sdm weights fetch NAME"), "left"
     return table
 
 

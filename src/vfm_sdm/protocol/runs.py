@@ -15,12 +15,12 @@ from vfm_sdm.evaluation import Evaluation, evaluate, read_sensors
 from vfm_sdm.files import replace_file
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.measurement import Run
-from vfm_sdm.pipeline import displacement_of, open_views, synchronize_tracks
+from vfm_sdm.pipeline import displacement_of, synchronize_tracks
 from vfm_sdm.protocol.cost import Cost, measure_cost
 from vfm_sdm.protocol.methods import MONOCULAR, Method
 from vfm_sdm.refinement import refine
 from vfm_sdm.results import read_displacement, write_displacement
-from vfm_sdm.session import Session, read_session, write_session
+from vfm_sdm.session import Session, open_views, read_session, write_session
 from vfm_sdm.synthetic.field_test import make_field_test
 from vfm_sdm.synthetic.plan import Preset
 from vfm_sdm.tracking.template import TemplateTracker, planar_displacement, scale_factor

@@ -3,7 +3,8 @@
 from vfm_sdm.files import file_hash
 from vfm_sdm.session.exif import lens_from_exif
 from vfm_sdm.session.file import read_session, session_hash, write_session
-from vfm_sdm.session.model import Chessboard, Lens, Method, Point, Sensor, Session, Sgr, View
+from vfm_sdm.session.model import Chessboard, Lens, Method, Network, Point, Sensor, Session, Sgr, View
+from vfm_sdm.session.recordings import first_color_frames, open_views
 from vfm_sdm.session.site import Length, Level, Measured, Range, Site
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "Level",
     "Measured",
     "Method",
+    "Network",
     "Point",
     "Range",
     "Sensor",
@@ -21,7 +23,9 @@ __all__ = [
     "Site",
     "View",
     "file_hash",
+    "first_color_frames",
     "lens_from_exif",
+    "open_views",
     "read_session",
     "session_hash",
     "write_session",

@@ -29,6 +29,7 @@ __all__ = [
     "Chessboard",
     "Lens",
     "Method",
+    "Network",
     "Point",
     "Sensor",
     "Session",
@@ -198,6 +199,20 @@ class Sgr(Entry):
     pixel: Positive = 0.05
 
 
+class Network(Entry):
+    """Settings of the back ends that run a network: ``vggt``, ``tapir`` and what builds on them."""
+
+    weights: Name | None = None
+    """Name of a checkpoint (``vfm-sdm weights list``), or its file; the back end's own where nothing is said."""
+    preset: Literal["fast", "paper"] = "fast"
+    """How VGGT sees a recording: ``paper`` pads patches and streams overlapping chunks as the paper does, ``fast``
+    takes small chunks that all begin with the reference frame."""
+    device: Name = "auto"
+    """Where it runs, in PyTorch's words; a GPU where there is one."""
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """Of matrix products; bfloat16 on GPUs by default."""
+
+
 class Method(Entry):
     """How to measure."""
 
@@ -213,6 +228,10 @@ class Method(Entry):
     """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""
     subset_px: Annotated[int, Strict(), AfterValidator(_subset)] = 41
     """Side of the square that a tracker compares [px]."""
+    correspondence: Literal["registration", "vggt"] = "registration"
+    """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
+    VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
+    network: Network = Network()
 
 
 class Session(Entry):

@@ -1,22 +1,29 @@
 """What a tracker is, and how one is found by name."""
 
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from typing import Any, Protocol
 
 import xarray as xr
 
 from vfm_sdm.arrays import FloatArray
-from vfm_sdm.errors import BackendUnavailableError
+from vfm_sdm.backends import Backend, find_backend
+from vfm_sdm.session import Method
 from vfm_sdm.video import Video
 
-__all__ = ["TRACKERS", "Tracker", "find_tracker"]
+__all__ = ["TRACKERS", "Tracker", "find_tracker", "tracker_of"]
+
+
+_POLISHED = ("vfm_sdm.tracking.polish", "PolishedTracker", ("subset_px", "network"))
 
 TRACKERS = {
-    "icgn": ("vfm_sdm.tracking.icgn", "IcgnTracker"),
-    "template": ("vfm_sdm.tracking.template", "TemplateTracker"),
+    "icgn": Backend("vfm_sdm.tracking.icgn", "IcgnTracker", ("subset_px",)),
+    "template": Backend("vfm_sdm.tracking.template", "TemplateTracker", ("subset_px",)),
+    "vggt": Backend("vfm_sdm.tracking.vggt", "VggtTracker", ("network",)),
+    "tapir": Backend("vfm_sdm.tracking.tapir", "TapirTracker", ("network",)),
+    "vggt+icgn": Backend(*_POLISHED, {"follower": "vggt"}),
+    "tapir+icgn": Backend(*_POLISHED, {"follower": "tapir"}),
 }
-"""Module and class of each tracker; imported only when asked for."""
+"""Every tracker by its name."""
 
 
 class Tracker(Protocol):
@@ -51,16 +58,25 @@ class Tracker(Protocol):
         ...
 
 
-def find_tracker(name: str, **options: Any) -> Tracker:
-    """The tracker of this name.
+def tracker_of(method: Method) -> Tracker:
+    """The tracker that a session asks for, with the session's settings.
 
     Raises
     ------
     BackendUnavailableError
-        No tracker has this name.
+        No tracker has this name, or it cannot run here.
     """
-    if name not in TRACKERS:
-        raise BackendUnavailableError(f"tracker: expected one of {sorted(TRACKERS)}, got {name!r}; choose one of these")
-    module, attribute = TRACKERS[name]
-    tracker: Tracker = getattr(import_module(module), attribute)(**options)
+    tracker: Tracker = find_backend(TRACKERS, "tracker", method.tracker).make_for(method)
+    return tracker
+
+
+def find_tracker(name: str, **options: Any) -> Tracker:
+    """The tracker of this name, made with the given options.
+
+    Raises
+    ------
+    BackendUnavailableError
+        No tracker has this name, or it cannot run here.
+    """
+    tracker: Tracker = find_backend(TRACKERS, "tracker", name).make(**options)
     return tracker

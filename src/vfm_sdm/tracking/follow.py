@@ -63,11 +63,22 @@ class Follower:
         self._reference = reference.copy()
         self._reach = np.full(len(bank), np.nan)  # filled in for a point when it first takes a step that matters
 
-    def advance(self, luma: LumaArray) -> tuple[RawRegistration, IntArray]:
-        """Registrations in the next frame, and their status: ok, lost or outside, shape (P,)."""
+    def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> tuple[RawRegistration, IntArray]:
+        """Registrations in the next frame, and their status: ok, lost or outside, shape (P,).
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        expected
+            Where the points should be, shape (P, 2) [px]; where NaN, and without it, the last motion is continued.
+        """
         start = self._last.copy()
         if self._settings.predict:
             start[:, :2] += self._step
+        if expected is not None:
+            shown = np.isfinite(expected).all(axis=1)
+            start[shown, :2] = (expected - self._bank.offset)[shown]
         raw = self._register(luma, np.arange(len(self._bank)), start)
         continuous = raw.converged & self._within_reach(np.hypot(*(raw.warps[:, :2] - start[:, :2]).T))
         found = continuous & (raw.correlation >= self._settings.reliable_correlation)

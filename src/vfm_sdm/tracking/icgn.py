@@ -116,6 +116,7 @@ class IcgnTracker:
         names: Sequence[str],
         reference_frame: int = 0,
         progress: Callable[[int], None] | None = None,
+        expected: FloatArray | None = None,
     ) -> xr.Dataset:
         """Tracks of named points, every frame registered to the reference frame.
 
@@ -131,6 +132,8 @@ class IcgnTracker:
             Index of the frame in which ``points2d`` are given.
         progress
             Called with the number of frames done so far.
+        expected
+            Where another tracker saw the points, shape (T, P, 2) [px]: registrations start there, NaN says nothing.
 
         Returns
         -------
@@ -153,7 +156,8 @@ class IcgnTracker:
                 record = _Record(bank, Follower(bank, reference, self.settings, executor))
                 halves = SubsetHalves(reference, bank, executor)
                 records.append((record, halves))
-                return lambda luma: halves.advance(luma, record.advance(luma))
+                shown = iter(() if expected is None else expected)
+                return lambda luma: halves.advance(luma, record.advance(luma, next(shown, None)))
 
             time_s = follow_frames(video, reference_frame, begin, progress)
         record, halves = records[0]
@@ -187,9 +191,9 @@ class _Record:
         self._open: list[tuple[RawRegistration, IntArray]] = []
         self._closed: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []
 
-    def advance(self, luma: LumaArray) -> RawRegistration:
-        """Takes the next frame; returns what was found in it."""
-        found = self._follower.advance(luma)
+    def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> RawRegistration:
+        """Takes the next frame, and where the points should be in it (P, 2) [px]; returns what was found in it."""
+        found = self._follower.advance(luma, expected)
         self._open.append(found)
         if len(self._open) == _CHUNK:
             self._close()

@@ -89,6 +89,11 @@ class TapirInference:
             )
             return ChunkTracks(position, seen, sure)
 
+    @property
+    def precision(self) -> str:
+        """Of its matrix products: ``float32`` or ``bfloat16``."""
+        return self.placement.precision
+
     def plan_frames(self, height: int, width: int) -> int | None:
         """How many frames of this size fit the free memory; ``None`` where that is not known."""
         free = self.placement.free_bytes()

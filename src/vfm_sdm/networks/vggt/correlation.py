@@ -51,7 +51,7 @@ def correlate(pyramid: list[Tensor], tracks: Tensor, positions: Tensor, *, radiu
     for level, features in enumerate(pyramid):
         rows, columns = features.shape[1:3]
         place = positions / 2**level
-        corner = place.floor()
+        corner = place.nan_to_num().floor()
         u, v = (place - corner)[..., None, None, :].unbind(-1)
         # A side of one cell is that cell everywhere: coordinates have no scale on it.
         column = (corner[..., 0, None, None].long() + reach[:, None]) * (columns > 1)
@@ -69,7 +69,8 @@ def sample_linear(features: Tensor, positions: Tensor) -> Tensor:
     """Features (T, C) of one map (h, w, C) at columns and rows (T, 2), bilinear; outside, those of the border."""
     limits = positions.new_tensor([features.shape[1] - 1, features.shape[0] - 1])
     place = torch.minimum(positions.clamp(min=0), limits)
-    corner = place.floor()
+    # A position that is not a number stays one, but no cell has such an index.
+    corner = place.nan_to_num().floor()
     u, v = (place - corner).unsqueeze(-1).unbind(1)
     left, top = corner.long().unbind(1)
     right, bottom = torch.minimum(corner + 1, limits).long().unbind(1)

@@ -97,6 +97,11 @@ class VggtInference:
             found = (tracks.positions[-1], tracks.visibility, tracks.confidence)
             return ChunkTracks(*(part[:, 0].transpose(0, 1).double().cpu().numpy() for part in found))
 
+    @property
+    def precision(self) -> str:
+        """Of its matrix products: ``float32`` or ``bfloat16``."""
+        return self.placement.precision
+
     def plan_frames(self, height: int, width: int) -> int | None:
         """How many frames of this size fit the free memory; ``None`` where that is not known."""
         free = self.placement.free_bytes()

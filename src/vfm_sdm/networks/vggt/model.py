@@ -98,6 +98,8 @@ class Vggt(nn.Module):
                 f"images: expected shape (frames, 3, height, width) with sides that are multiples of {patch}, got "
                 f"{tuple(images.shape)}; resize or crop them"
             )
+        if not images.is_floating_point():
+            raise DatasetError(f"images: expected floating-point values 0 .. 1, got {images.dtype}; divide by 255")
 
 
 class _TrackHead(nn.Module):

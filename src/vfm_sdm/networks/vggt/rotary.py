@@ -40,10 +40,11 @@ def rotary_table(
     rows: int, columns: int, *, special: int, channels: int, device: torch.device, dtype: torch.dtype
 ) -> RotaryTable:
     """Table of a frame's tokens: ``special`` ones at (0, 0), then the patches row by row from (1, 1)."""
-    grid = torch.cartesian_prod(torch.arange(rows, device=device), torch.arange(columns, device=device)) + 1
-    places = torch.cat([torch.zeros(special, 2, device=device, dtype=grid.dtype), grid.reshape(-1, 2)])
-    table = turns(places, channels)
-    return RotaryTable(table.cosines.to(dtype), table.sines.to(dtype))
+    with torch.inference_mode(False):  # the table outlives the mode of the first one who asks for it
+        grid = torch.cartesian_prod(torch.arange(rows, device=device), torch.arange(columns, device=device)) + 1
+        places = torch.cat([torch.zeros(special, 2, device=device, dtype=grid.dtype), grid.reshape(-1, 2)])
+        table = turns(places, channels)
+        return RotaryTable(table.cosines.to(dtype), table.sines.to(dtype))
 
 
 def rotate(x: Tensor, table: RotaryTable) -> Tensor:

@@ -1,0 +1,83 @@
+"""Networks of the real structure with few channels and random weights: they run in a moment and know nothing."""
+
+import pytest
+
+from vfm_sdm.session import Network
+from vfm_sdm.tracking.base import find_tracker
+
+NETWORK_TRACKERS = ("vggt", "tapir", "vggt+icgn", "tapir+icgn")
+
+
+def small_vggt(seed=0, **heads):
+    """A `Vggt` whose weights a seed decides."""
+    torch = pytest.importorskip("torch")
+    from vfm_sdm.networks.vggt.config import VggtConfig
+    from vfm_sdm.networks.vggt.model import Vggt
+
+    config = VggtConfig(
+        width=32,
+        encoder_depth=1,
+        encoder_heads=2,
+        depth=4,
+        heads=2,
+        camera_depth=1,
+        camera_heads=2,
+        feature_layers=(0, 1, 2, 3),
+        feature_channels=(8, 8, 8, 8),
+        features=16,
+        hidden=48,
+        track_heads=4,
+        track_depth=2,
+        virtual_tracks=8,
+    )
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        return Vggt(config, **heads)
+
+
+def small_tapir(seed=0):
+    """A `Tapir` whose weights a seed decides."""
+    torch = pytest.importorskip("torch")
+    from vfm_sdm.networks.tapir.config import TapirConfig
+    from vfm_sdm.networks.tapir.model import Tapir
+
+    config = TapirConfig(
+        pyramid_level=1,
+        extra_convs=True,
+        causal=False,
+        initial_resolution=(64, 64),
+        group_channels=(8, 8, 16, 16),
+        extra_blocks=1,
+        mixer_channels=32,
+        mixer_blocks=2,
+    )
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        return Tapir(config)
+
+
+def vggt_on_cpu(**heads):
+    from vfm_sdm.networks.device import choose_placement
+    from vfm_sdm.networks.vggt.inference import VggtInference
+
+    return VggtInference(small_vggt(**heads), choose_placement("cpu"))
+
+
+def tapir_on_cpu():
+    from vfm_sdm.networks.device import choose_placement
+    from vfm_sdm.networks.tapir.inference import TapirInference
+
+    return TapirInference(small_tapir(), choose_placement("cpu"))
+
+
+def small_tracker(name, folder, **options):
+    """The tracker of this name; one that runs a network gets a small one, and a file that stands for its weights."""
+    if name not in NETWORK_TRACKERS:
+        return find_tracker(name, **options)
+    pytest.importorskip("torch")
+    weights = folder / "random.safetensors"
+    weights.write_bytes(b"stands for weights")
+    tracker = find_tracker(name, network=Network(weights=str(weights), device="cpu"), **options)
+    follower = getattr(tracker, "follower", tracker)
+    follower.__dict__["inference"] = vggt_on_cpu(camera=False) if "vggt" in name else tapir_on_cpu()
+    return tracker
