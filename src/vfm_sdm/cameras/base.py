@@ -2,22 +2,24 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, Protocol
 
 from vfm_sdm.arrays import FloatArray, LumaArray, as_float_array
-from vfm_sdm.errors import BackendUnavailableError, CameraError
+from vfm_sdm.backends import Backend, find_backend
+from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Rig
-from vfm_sdm.session import Session
+from vfm_sdm.session import Method, Session
 
-__all__ = ["ESTIMATORS", "CameraEstimate", "CameraEstimator", "Matches", "find_estimator"]
+__all__ = ["ESTIMATORS", "CameraEstimate", "CameraEstimator", "Matches", "estimator_of", "find_estimator"]
 
 ESTIMATORS = {
-    "file": ("vfm_sdm.cameras.file", "FileCameras"),
-    "chessboard": ("vfm_sdm.cameras.chessboard", "ChessboardCameras"),
-    "two-view": ("vfm_sdm.cameras.two_view", "TwoViewCameras"),
+    "file": Backend("vfm_sdm.cameras.file", "FileCameras"),
+    "chessboard": Backend("vfm_sdm.cameras.chessboard", "ChessboardCameras"),
+    "two-view": Backend("vfm_sdm.cameras.two_view", "TwoViewCameras"),
+    "vggt": Backend("vfm_sdm.cameras.vggt", "VggtCameras", ("network",)),
+    "sfm": Backend("vfm_sdm.cameras.sfm", "SfmCameras"),
 }
-"""Module and class of each estimator; imported only when asked for."""
+"""Every estimator by its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,18 +113,25 @@ class CameraEstimator(Protocol):
         ...
 
 
+def estimator_of(method: Method) -> CameraEstimator:
+    """The camera estimator that a session asks for, with the session's settings.
+
+    Raises
+    ------
+    BackendUnavailableError
+        No estimator has this name, or it cannot run here.
+    """
+    estimator: CameraEstimator = find_backend(ESTIMATORS, "cameras", method.cameras).make_for(method)
+    return estimator
+
+
 def find_estimator(name: str, **options: Any) -> CameraEstimator:
     """The camera estimator of this name, made with the given options.
 
     Raises
     ------
     BackendUnavailableError
-        No estimator has this name.
+        No estimator has this name, or it cannot run here.
     """
-    if name not in ESTIMATORS:
-        raise BackendUnavailableError(
-            f"cameras: expected one of {sorted(ESTIMATORS)}, got {name!r}; choose one of these"
-        )
-    module, attribute = ESTIMATORS[name]
-    estimator: CameraEstimator = getattr(import_module(module), attribute)(**options)
+    estimator: CameraEstimator = find_backend(ESTIMATORS, "cameras", name).make(**options)
     return estimator

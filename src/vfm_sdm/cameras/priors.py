@@ -1,0 +1,130 @@
+"""What is known of the cameras before looking at the images, and a rig that carries it as its covariance."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from glob import glob
+
+import numpy as np
+
+from vfm_sdm.arrays import FloatArray, LumaArray
+from vfm_sdm.cameras.file import read_camera
+from vfm_sdm.errors import CameraError
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.session import Session, View, lens_from_exif
+
+__all__ = ["CameraPriors", "read_priors"]
+
+_UNKNOWN_FOCAL = 1.2
+"""Focal length over the longer image side where nothing is known: a normal lens. Only a place to start from; its
+standard deviation below says that it is no knowledge."""
+_UNKNOWN_FOCAL_STD = 0.5
+_CALIBRATED_STD = 0.003
+_PRINCIPAL_POINT_STD = 0.015
+"""Principal point from the image centre, over the image diagonal: usual for lenses that are not calibrated."""
+_CORNER_DISTORTION_STD = 0.025
+"""Radial distortion at the image corner, over the radius: usual for lenses that are not wide-angle."""
+_ROTATION_STD = 1.0
+_TRANSLATION_STD = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPriors:
+    """What is known of all views' cameras, and the baseline that was measured.
+
+    Parameters
+    ----------
+    names
+        Of the views.
+    cameras
+        Intrinsics and distortion of each; their poses say nothing.
+    intrinsics_std
+        Standard deviations of the first four of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, shape (V, 4).
+    baseline_m
+        Measured distance of the first two views [m].
+    notes
+        Sentences for the summary where something had to be assumed.
+    """
+
+    names: tuple[str, ...]
+    cameras: tuple[Camera, ...]
+    intrinsics_std: FloatArray
+    baseline_m: float
+    notes: tuple[str, ...]
+
+    def metric_rig(self, posed: Sequence[Camera]) -> Rig:
+        """The rig of these cameras at the measured baseline, with the priors as its covariance.
+
+        Parameters
+        ----------
+        posed
+            The cameras with their poses, of any scale; the first one is the origin of the world.
+
+        Notes
+        -----
+        The distance of the first two views scales all of them (s = B_true / B_est). The relative poses are left free:
+        they come from matches that the adjustment on site uses again, and a narrower prior would count those twice.
+        """
+        rig = Rig(self.names, tuple(posed), False)
+        pose_std = [_ROTATION_STD] * 3 + [_TRANSLATION_STD * self.baseline_m] * 3
+        poses_std = np.array([np.zeros(6)] + [pose_std] * (len(posed) - 1))
+        covariance = np.diag(np.column_stack([self.intrinsics_std, poses_std]).ravel() ** 2)
+        return replace(rig.scaled(self.baseline_m / rig.baseline()), covariance=covariance)
+
+
+def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator: str) -> CameraPriors:
+    """Prior of every view's camera, from its own file, its lens or EXIF, in the order of ``frames``.
+
+    Parameters
+    ----------
+    session
+        Lens priors, camera files and the baseline.
+    frames
+        First frame of every view; only names and sizes are used.
+    estimator
+        Who asks; begins the messages.
+
+    Raises
+    ------
+    CameraError
+        Fewer than two views, no baseline in the session, or a camera file of another image size.
+    """
+    if len(frames) < 2:
+        raise CameraError(f"{estimator}: expected at least two views, got {list(frames)}; add a [[view]]")
+    baseline = session.site.baseline
+    if baseline is None:
+        raise CameraError(f"{estimator}: expected site.baseline, got none; measure the distance between the cameras")
+    views = {view.name: view for view in session.view}
+    found = [_read_prior(session, views[name], (luma.shape[1], luma.shape[0])) for name, luma in frames.items()]
+    cameras, stds, notes = zip(*found, strict=True)
+    return CameraPriors(tuple(frames), cameras, np.array(stds), baseline.value, tuple(note for note in notes if note))
+
+
+def _read_prior(session: Session, view: View, image_size: tuple[int, int]) -> tuple[Camera, list[float], str]:
+    """One camera, the std of its intrinsics, and a note or an empty one."""
+    width, height = image_size
+    diagonal = float(np.hypot(width, height))
+    if view.camera is not None:
+        known = read_camera(session.resolve(view.camera), view.name, image_size=image_size)
+        if known.image_size != image_size:
+            raise CameraError(
+                f"camera of view {view.name!r}: expected an image size of {image_size}, got {known.image_size}; "
+                "calibrate at the size of the recording"
+            )
+        corner = diagonal / 2 / known.focal_px
+        std = [_CALIBRATED_STD, 0.001 * diagonal, 0.001 * diagonal, 0.002 / corner**2]
+        return replace(known, cam_from_world=np.eye(3, 4)), std, ""
+    lens, note = view.lens, ""
+    if lens is None and view.images is not None:
+        first_image = min(glob(session.resolve_pattern(view.images)), default=None)
+        lens = lens_from_exif(first_image) if first_image else None
+        note = f"view {view.name!r}: focal length from EXIF, known to 5 %" if lens is not None else ""
+    if lens is None:
+        focal, relative_std = _UNKNOWN_FOCAL * max(width, height), _UNKNOWN_FOCAL_STD
+        note = f"view {view.name!r}: nothing known of the lens; state `lens` in the session"
+    else:
+        focal, relative_std = lens.focal_prior_px(max(image_size)), lens.relative_std
+    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    corner = diagonal / 2 / focal
+    centre_std = _PRINCIPAL_POINT_STD * diagonal
+    std = [relative_std, centre_std, centre_std, _CORNER_DISTORTION_STD / corner**2]
+    return Camera(K, image_size), std, note
