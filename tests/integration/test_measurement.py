@@ -16,9 +16,9 @@ from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError, 
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
 from vfm_sdm.measurement import measure
-from vfm_sdm.pipeline import displacement_of, open_views, synchronize_tracks, track_views
+from vfm_sdm.pipeline import displacement_of, synchronize_tracks, track_views
 from vfm_sdm.results import read_displacement, read_tracks
-from vfm_sdm.session import Session, read_session, write_session
+from vfm_sdm.session import Session, open_views, read_session, write_session
 from vfm_sdm.tracking.icgn import IcgnTracker
 
 TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])

@@ -11,7 +11,7 @@ import pytest
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.protocol import Case, run_benchmark
 from vfm_sdm.protocol.figures import save_protocol_figures
-from vfm_sdm.protocol.methods import MONOCULAR, OURS, WITHOUT_SGR, Method, comparisons
+from vfm_sdm.protocol.methods import MONOCULAR, OURS, WITHOUT_SGR, Method, comparisons, why_not
 from vfm_sdm.synthetic.field_test import demo_plan, make_field_test
 from vfm_sdm.synthetic.footbridge import FootbridgeSite
 from vfm_sdm.synthetic.motion import Mode
@@ -116,12 +116,15 @@ def test_every_table_is_written_with_its_cases_mean_and_std(benchmark):
 
 
 def test_methods_that_cannot_run_are_listed_with_the_reason(benchmark):
-    absent = "not in this version"
     reasons = {
-        "cameras": {"chessboard": "the field tests hold no pictures of a chessboard", "VGGT": absent, "SfM": absent},
-        "trackers": {"VGGT": absent, "BootsTAPIR": absent, "VGGT + icgn": absent},
+        comparison.name: {one.label: why_not(one) for one in comparison.methods if why_not(one) is not None}
+        for comparison in comparisons()
     }
-    for name, expected in reasons.items():
+    assert set(reasons["trackers"]) == {"VGGT", "BootsTAPIR", "VGGT + icgn"}
+    assert {"chessboard", "VGGT"} <= set(reasons["cameras"])
+    assert all("vfm-sdm weights fetch" in why or "vfm-sdm[vfm]" in why for why in reasons["trackers"].values())
+    for name in ("cameras", "trackers"):
+        expected = reasons[name]
         for against in AGAINST:
             table = benchmark.tables[f"{name}_against_{against}"]
             assert len(table.notes) == len(expected)

@@ -19,6 +19,7 @@ from vfm_sdm.session import (
     Level,
     Measured,
     Method,
+    Network,
     Point,
     Range,
     Sensor,
@@ -650,7 +651,7 @@ def test_examples_of_the_manual_are_valid(tmp_path):
 
 def test_every_key_is_in_the_manual():
     text = DOCS.read_text(encoding="utf-8")
-    for model in (Session, View, Lens, Level, Site, Range, Length, Point, Sensor, Chessboard, Method):
+    for model in (Session, View, Lens, Level, Site, Range, Length, Point, Sensor, Chessboard, Method, Network):
         for name, field in model.model_fields.items():
             assert field.exclude or re.search(rf"\b{name}\b", text), f"{model.__name__}.{name}"
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from vfm_sdm.cameras.base import ESTIMATORS, find_estimator
+from vfm_sdm.cameras.base import find_estimator
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.tracking.base import TRACKERS, find_tracker
+from vfm_sdm.tracking.base import find_tracker
 
 __all__ = ["MONOCULAR", "OURS", "WITHOUT_SGR", "Comparison", "Method", "comparisons", "why_not"]
 
@@ -99,8 +99,6 @@ def why_not(method: Method) -> str | None:
         return None
     if method.cameras == "chessboard":
         return _NO_PICTURES
-    if method.tracker not in TRACKERS or method.cameras not in ESTIMATORS:
-        return "not in this version"
     try:
         find_tracker(method.tracker)
         find_estimator(method.cameras)
