@@ -56,11 +56,11 @@ def small_tapir(seed=0):
         return Tapir(config)
 
 
-def vggt_on_cpu(**heads):
+def vggt_on_cpu(**options):
     from vfm_sdm.networks.device import choose_placement
     from vfm_sdm.networks.vggt.inference import VggtInference
 
-    return VggtInference(small_vggt(**heads), choose_placement("cpu"))
+    return VggtInference(small_vggt(**options), choose_placement("cpu"))
 
 
 def tapir_on_cpu():

@@ -24,6 +24,7 @@ from vfm_sdm.session import (
     Range,
     Sensor,
     Session,
+    Sfm,
     Sgr,
     Site,
     View,
@@ -379,6 +380,14 @@ FAULTS = {
     "yes as length": ({"site": {"baseline": {"value": True, "std": 1}}}, r"baseline.value: expected .* got True"),
     "infinite length": ({"site": {"baseline": {"value": float("inf"), "std": 1}}}, r"finite number, got inf"),
     "no baseline": ({"site": {}}, r"site.baseline: expected the measured distance between the cameras, got nothing"),
+    "no baseline for VGGT": (
+        {"site": {}, "method": {"cameras": "vggt"}},
+        r"site.baseline: expected the measured distance between the cameras, got nothing",
+    ),
+    "no baseline for structure from motion": (
+        {"site": {}, "method": {"cameras": "sfm"}},
+        r"site.baseline: expected the measured distance between the cameras, got nothing",
+    ),
     "one distance": (
         {"site": {"baseline": {"value": 4.0, "std": 1.0}, "perpendicular_distance": {"value": 4.0, "std": 1.0}}},
         r"site: expected both distances or neither, got no longitudinal_distance",
@@ -499,6 +508,22 @@ FAULTS = {
         {"method": {"sgr": {"longitudnal": 1.0}}},
         r"method.sgr.longitudnal: expected one of the keys .*; did you mean 'longitudinal'\?",
     ),
+    "unknown features": (
+        {"method": {"sfm": {"features": "orb"}}},
+        r"method.sfm.features: expected 'sift' or 'superpoint', got 'orb'",
+    ),
+    "unknown matcher": (
+        {"method": {"sfm": {"features": "superpoint", "matcher": "loftr"}}},
+        r"method.sfm.matcher: expected 'superglue' or 'lightglue', got 'loftr'",
+    ),
+    "matcher for SIFT": (
+        {"method": {"sfm": {"matcher": "lightglue"}}},
+        r'method.sfm: expected features = "superpoint" for a matcher or model, got "sift"; add it',
+    ),
+    "model for SIFT": (
+        {"method": {"sfm": {"features": "sift", "model": "folder"}}},
+        r'method.sfm: expected features = "superpoint" for a matcher or model, got "sift"; add it',
+    ),
     "units of a sensor": (
         {"sensor": [{"name": "s", "file": "a.csv", "units": "ft"}]},
         r"sensor\[s\].units: expected 'g', 'm/s2', 'mm' or 'm', got 'ft'",
@@ -518,6 +543,22 @@ def test_fault_is_named(fault):
     small()  # the session without the fault is fine
     with pytest.raises(SessionError, match=message):
         small(**changes)
+
+
+@pytest.mark.parametrize("cameras", ["file", "chessboard"])
+def test_cameras_that_know_lengths_need_no_baseline(cameras):
+    view = [{"name": name, "video": f"{name}.mp4", "camera": "rig.toml"} for name in ("left", "right")]
+    board = {"pattern": [9, 6], "square_mm": 12.0, "corners": "c.npz"}
+    assert small(view=view, site={}, chessboard=board, method={"cameras": cameras}).site.baseline is None
+
+
+def test_settings_of_structure_from_motion_are_read_and_written(tmp_path):
+    text = '[method]\ncameras = "sfm"\nsfm = { features = "superpoint", matcher = "lightglue", model = "folder" }\n'
+    make_files(tmp_path)
+    session = read_session(write_design(tmp_path, DESIGN[: DESIGN.index("[method]")] + text))
+    assert session.method.sfm == Sfm(features="superpoint", matcher="lightglue", model="folder")
+    assert read_session(write_session(tmp_path / "again.toml", session)) == session
+    assert Method().sfm == Sfm(features="sift", matcher=None, model=None)
 
 
 def test_one_view_needs_no_baseline():
@@ -651,7 +692,8 @@ def test_examples_of_the_manual_are_valid(tmp_path):
 
 def test_every_key_is_in_the_manual():
     text = DOCS.read_text(encoding="utf-8")
-    for model in (Session, View, Lens, Level, Site, Range, Length, Point, Sensor, Chessboard, Method, Network):
+    listed = (View, Lens, Level, Site, Range, Length, Point, Sensor, Chessboard)
+    for model in (Session, *listed, Method, Sgr, Network, Sfm):
         for name, field in model.model_fields.items():
             assert field.exclude or re.search(rf"\b{name}\b", text), f"{model.__name__}.{name}"
 

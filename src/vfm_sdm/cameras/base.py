@@ -17,7 +17,7 @@ ESTIMATORS = {
     "chessboard": Backend("vfm_sdm.cameras.chessboard", "ChessboardCameras"),
     "two-view": Backend("vfm_sdm.cameras.two_view", "TwoViewCameras"),
     "vggt": Backend("vfm_sdm.cameras.vggt", "VggtCameras", ("network",)),
-    "sfm": Backend("vfm_sdm.cameras.sfm", "SfmCameras"),
+    "sfm": Backend("vfm_sdm.cameras.sfm", "SfmCameras", ("sfm",)),
 }
 """Every estimator by its name."""
 

@@ -23,8 +23,11 @@ _PRINCIPAL_POINT_STD = 0.015
 """Principal point from the image centre, over the image diagonal: usual for lenses that are not calibrated."""
 _CORNER_DISTORTION_STD = 0.025
 """Radial distortion at the image corner, over the radius: usual for lenses that are not wide-angle."""
-_ROTATION_STD = 1.0
-_TRANSLATION_STD = 2.0
+_ROTATION_STD_RAD, _POSITION_STD = 1.0, 2.0
+"""Of poses that are left free."""
+_CONTRADICTION_STD = 3.0
+_ONE_FOCAL = 0.03
+"""Two focal lengths of one lens that differ by more than this share say that whoever found them was unsure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,21 +54,63 @@ class CameraPriors:
     baseline_m: float
     notes: tuple[str, ...]
 
-    def metric_rig(self, posed: Sequence[Camera]) -> Rig:
+    def fused(self, focal_px: FloatArray, *, relative_std: float, source: str) -> "CameraPriors":
+        """The same with focal lengths that also know what was found otherwise.
+
+        Parameters
+        ----------
+        focal_px
+            Found along both axes, shape (V, 2) [px].
+        relative_std
+            Standard deviation of their mean [1].
+        source
+            Who found them; for the notes on what contradicts.
+
+        Notes
+        -----
+        Mean of the logarithms, weighted by their precisions. A focal length that changes takes the standard deviation
+        of the distortion along, which stays what it is at the image's corner.
+        """
+        cameras, stds, notes = [], self.intrinsics_std.copy(), list(self.notes)
+        for name, camera, std, found in zip(self.names, self.cameras, stds, focal_px, strict=True):
+            off_u, off_v = np.log(found / np.diag(camera.K)[:2])
+            off, joint = (off_u + off_v) / 2, np.hypot(std[0], relative_std)
+            if abs(off_u - off_v) > _ONE_FOCAL:
+                notes.append(f"view {name!r}: {source} gives two focal lengths, {found[0]:.0f} and {found[1]:.0f} px")
+            if abs(off) > _CONTRADICTION_STD * joint:
+                notes.append(f"view {name!r}: {source}'s focal length is {np.expm1(off):+.0%} off what was known of it")
+            step = off * (std[0] / joint) ** 2
+            cameras.append(camera.perturbed([step, *[0.0] * 9]))
+            std[0] *= relative_std / joint
+            std[3] *= np.exp(2 * step)
+        return replace(self, cameras=tuple(cameras), intrinsics_std=stds, notes=tuple(notes))
+
+    def metric_rig(
+        self,
+        posed: Sequence[Camera],
+        *,
+        rotation_std_rad: float = _ROTATION_STD_RAD,
+        position_std: float = _POSITION_STD,
+    ) -> Rig:
         """The rig of these cameras at the measured baseline, with the priors as its covariance.
 
         Parameters
         ----------
         posed
             The cameras with their poses, of any scale; the first one is the origin of the world.
+        rotation_std_rad
+            Standard deviation of the further cameras' rotations about each axis [rad].
+        position_std
+            The same of their translations along each axis, over the baseline [1].
 
         Notes
         -----
-        The distance of the first two views scales all of them (s = B_true / B_est). The relative poses are left free:
-        they come from matches that the adjustment on site uses again, and a narrower prior would count those twice.
+        The distance of the first two views scales all of them (s = B_true / B_est). Relative poses are left free by
+        default: those that come from matches the adjustment on site uses again, and a narrower prior would count these
+        twice.
         """
         rig = Rig(self.names, tuple(posed), False)
-        pose_std = [_ROTATION_STD] * 3 + [_TRANSLATION_STD * self.baseline_m] * 3
+        pose_std = [rotation_std_rad] * 3 + [position_std * self.baseline_m] * 3
         poses_std = np.array([np.zeros(6)] + [pose_std] * (len(posed) - 1))
         covariance = np.diag(np.column_stack([self.intrinsics_std, poses_std]).ravel() ** 2)
         return replace(rig.scaled(self.baseline_m / rig.baseline()), covariance=covariance)

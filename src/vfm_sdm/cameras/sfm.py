@@ -10,7 +10,7 @@ from importlib import import_module
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,7 +23,7 @@ from vfm_sdm.cameras.priors import CameraPriors, read_priors
 from vfm_sdm.cameras.two_view import MIN_INLIERS, TOO_FEW_MATCHES
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.session import Session
+from vfm_sdm.session import Session, Sfm
 
 __all__ = ["NOT_RECONSTRUCTED", "SfmCameras"]
 
@@ -48,19 +48,13 @@ class SfmCameras:
 
     Parameters
     ----------
-    features
-        ``"sift"`` (COLMAP's), or ``"superpoint"`` with a learned matcher.
-    matcher
-        ``"superglue"`` or ``"lightglue"``, for SuperPoint only; by default SuperGlue, as in the paper.
-    model
-        Folder of the learned matcher's checkpoint; see `vfm_sdm.cameras.learned_features.LearnedMatcher`.
+    sfm
+        Features and matcher: COLMAP's SIFT by default, else `vfm_sdm.cameras.learned_features.LearnedMatcher`.
 
     Raises
     ------
     BackendUnavailableError
-        The features or the matcher are unknown, a package is missing, or a checkpoint cannot be used.
-    CameraError
-        A matcher or model is given for SIFT.
+        A package is missing, or a checkpoint cannot be used.
 
     Notes
     -----
@@ -76,29 +70,16 @@ class SfmCameras:
 
     name = "sfm"
 
-    def __init__(
-        self,
-        *,
-        features: Literal["sift", "superpoint"] = "sift",
-        matcher: Literal["superglue", "lightglue"] | None = None,
-        model: Path | str | None = None,
-    ) -> None:
-        if features not in ("sift", "superpoint"):
-            raise BackendUnavailableError(
-                f"sfm features: expected one of ['sift', 'superpoint'], got {features!r}; choose one of these"
-            )
-        if features == "sift" and (matcher is not None or model is not None):
-            raise CameraError(
-                f"sfm: expected no matcher or model with features = 'sift', got {matcher or model!r}; "
-                "use features = 'superpoint' with it"
-            )
+    def __init__(self, *, sfm: Sfm | None = None) -> None:
+        settings = sfm or Sfm()
         try:
             self._colmap: Any = import_module("pycolmap")
         except ImportError as error:
             raise BackendUnavailableError(
                 "sfm: expected the package pycolmap, got none; pip install 'vfm-sdm[sfm]'"
             ) from error
-        self._matcher = None if features == "sift" else LearnedMatcher(matcher or "superglue", model=model)
+        learned = settings.features == "superpoint"
+        self._matcher = LearnedMatcher(settings.matcher or "superglue", model=settings.model) if learned else None
 
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
         """Rig with the tape's baseline, its prior covariance, and the matches that the bundle adjustment kept.

@@ -4,8 +4,8 @@ The classical stand-in for the paper's section "VFM-based sparse-view camera par
 first frames, a robust relative pose, and priors for everything that two views of one spot cannot tell.
 """
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import poselib
@@ -14,12 +14,22 @@ from vfm_sdm.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.cameras.base import CameraEstimate, Matches
 from vfm_sdm.cameras.features import match_features
 from vfm_sdm.cameras.priors import read_priors
-from vfm_sdm.geometry.camera import Camera
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.session import Session
 
-__all__ = ["MIN_INLIERS", "TOO_FEW_MATCHES", "TwoViewCameras", "estimate_relative_pose"]
+__all__ = [
+    "MIN_INLIERS",
+    "NO_COMMON_SCALE",
+    "TOO_FEW_MATCHES",
+    "RelatedView",
+    "TwoViewCameras",
+    "estimate_relative_pose",
+    "relate_to_first",
+]
 
 TOO_FEW_MATCHES = "too few matches between the views"
+NO_COMMON_SCALE = "too few points seen in three views"
 
 MIN_INLIERS = 30
 """Matches that agree with one pose from which a pair of views counts as related."""
@@ -30,9 +40,10 @@ class TwoViewCameras:
 
     Notes
     -----
-    Every further view is related to the first by its matches. The covariance of the result is the prior for the
-    adjustment on site: focal length from the lens, the camera's file or EXIF, principal point and radial distortion as
-    nuisance parameters, and a relative pose that is free.
+    Every further view is related to the first by its matches; how far away it stands, beside the second, follows from
+    points that both see. The covariance of the result is the prior for the adjustment on site: focal length from the
+    lens, the camera's file or EXIF, principal point and radial distortion as nuisance parameters, and a relative pose
+    that is free.
     """
 
     name = "two-view"
@@ -53,20 +64,86 @@ class TwoViewCameras:
             Fewer than two views, or no baseline in the session.
         """
         priors = read_priors(session, frames, estimator=self.name)
-        names, intrinsics, notes = priors.names, priors.cameras, list(priors.notes)
-        cameras, matches = [intrinsics[0]], []
-        for index in range(1, len(names)):
-            found = match_features(frames[names[0]], frames[names[index]])
-            pose, inliers = estimate_relative_pose(*found, intrinsics[0], intrinsics[index])
-            if inliers.sum() < MIN_INLIERS:
-                notes.append(
-                    f"{names[0]} and {names[index]}: {int(inliers.sum())} of {len(inliers)} matches agree, "
+        names, first = priors.names, priors.cameras[0]
+        related: list[RelatedView] = []
+        for view in relate_to_first(frames, priors.cameras):
+            if view.fault:
+                return CameraEstimate(None, (), TOO_FEW_MATCHES, (*priors.notes, view.fault))
+            related.append(view)
+        cameras = [first, *(view.camera for view in related)]
+        matches = [view.matches for view in related]
+        for index, view in enumerate(related[1:], start=2):
+            ratios, common = _compare_distances(first, related[0], view)
+            if len(common) < MIN_INLIERS:
+                note = (
+                    f"{names[0]}, {names[1]} and {names[index]}: {len(common)} matches go through all three, "
                     f"{MIN_INLIERS} are needed; choose views that overlap more"
                 )
-                return CameraEstimate(None, (), TOO_FEW_MATCHES, tuple(notes))
-            cameras.append(replace(intrinsics[index], cam_from_world=pose))
-            matches.append(Matches(0, index, found[0][inliers], found[1][inliers]))
-        return CameraEstimate(priors.metric_rig(cameras), tuple(matches), "ok", tuple(notes))
+                return CameraEstimate(None, (), NO_COMMON_SCALE, (*priors.notes, note))
+            pose = view.camera.cam_from_world * np.array([1.0, 1.0, 1.0, np.median(ratios)])
+            cameras[index] = replace(view.camera, cam_from_world=pose)
+            matches.append(common)
+        return CameraEstimate(priors.metric_rig(cameras), tuple(matches), "ok", priors.notes)
+
+
+@dataclass(frozen=True, eq=False)
+class RelatedView:
+    """A view beside the first one.
+
+    Parameters
+    ----------
+    camera
+        With its pose in the first camera's frame, at a distance of one.
+    matches
+        Features of both that agree with this pose.
+    fault
+        Why the two do not count as related, in a sentence; empty where they do.
+    """
+
+    camera: Camera
+    matches: Matches
+    fault: str
+
+
+def relate_to_first(frames: Mapping[str, LumaArray], cameras: Sequence[Camera]) -> Iterator[RelatedView]:
+    """Every further view beside the first one, each by itself.
+
+    Parameters
+    ----------
+    frames
+        Luma by view name, shape (H, W) each.
+    cameras
+        Intrinsics and distortion of each.
+    """
+    names, images = list(frames), list(frames.values())
+    for index in range(1, len(images)):
+        first, second = match_features(images[0], images[index])
+        pose, agree = estimate_relative_pose(first, second, cameras[0], cameras[index])
+        count, fault = int(agree.sum()), ""
+        if count < MIN_INLIERS:
+            fault = (
+                f"{names[0]} and {names[index]}: {count} of {len(agree)} matches agree, {MIN_INLIERS} are needed; "
+                "choose views that overlap more"
+            )
+        posed = replace(cameras[index], cam_from_world=pose)
+        yield RelatedView(posed, Matches(0, index, first[agree], second[agree]), fault)
+
+
+def _compare_distances(first: Camera, second: RelatedView, other: RelatedView) -> tuple[FloatArray, Matches]:
+    """The other view's distance over the second's, from every point that all three see, and its pixels in these two.
+
+    Without those pixels the adjustment on site would not know the ratio.
+    """
+    pair = (second.matches, other.matches)
+    # Each pair found the first view's features by itself, at the same places to the last digit.
+    places = [np.ascontiguousarray(matches.points_first).view(np.complex128)[:, 0] for matches in pair]
+    _, row, other_row = np.intersect1d(places[0], places[1], return_indices=True)
+    u = np.stack([pair[0].points_first[row], pair[0].points_second[row], pair[1].points_second[other_row]])
+    # Each depth is in units of its pair's distance: the farther pair gives the smaller one.
+    depth = triangulate(u[[0, 1]], Rig(("first", "second"), (first, second.camera)))[:, 2]
+    other_depth = triangulate(u[[0, 2]], Rig(("first", "other"), (first, other.camera)))[:, 2]
+    ahead = (depth > 0) & (other_depth > 0)
+    return (depth / other_depth)[ahead], Matches(pair[0].second, pair[1].second, u[1, ahead], u[2, ahead])
 
 
 def estimate_relative_pose(

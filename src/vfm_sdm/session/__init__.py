@@ -3,7 +3,7 @@
 from vfm_sdm.files import file_hash
 from vfm_sdm.session.exif import lens_from_exif
 from vfm_sdm.session.file import read_session, session_hash, write_session
-from vfm_sdm.session.model import Chessboard, Lens, Method, Network, Point, Sensor, Session, Sgr, View
+from vfm_sdm.session.model import Chessboard, Lens, Method, Network, Point, Sensor, Session, Sfm, Sgr, View
 from vfm_sdm.session.recordings import first_color_frames, open_views
 from vfm_sdm.session.site import Length, Level, Measured, Range, Site
 
@@ -19,6 +19,7 @@ __all__ = [
     "Range",
     "Sensor",
     "Session",
+    "Sfm",
     "Sgr",
     "Site",
     "View",

@@ -12,6 +12,9 @@ __all__ = ["cross_faults", "field_faults"]
 
 _Location = Sequence[str | int]
 
+_SCALED_BY_BASELINE = ("two-view", "vggt", "sfm")
+"""Camera estimators that find no lengths themselves."""
+
 
 def field_faults(error: ValidationError, model: type[BaseModel], fields: Mapping[str, Any]) -> list[str]:
     """One sentence for each faulty field.
@@ -144,7 +147,7 @@ def _method_faults(fields: Mapping[str, Any], views: list[Any], view_names: list
     faults: list[str] = []
     cameras = _get(_get(fields, "method"), "cameras") or "two-view"
     chessboard = _get(fields, "chessboard")
-    if cameras == "two-view" and len(views) > 1 and _get(_get(fields, "site"), "baseline") is None:
+    if cameras in _SCALED_BY_BASELINE and len(views) > 1 and _get(_get(fields, "site"), "baseline") is None:
         faults.append(
             "site.baseline: expected the measured distance between the cameras, got nothing; "
             "add baseline = { value = ..., std = ... } in metres under [site]"

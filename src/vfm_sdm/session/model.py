@@ -25,17 +25,7 @@ from vfm_sdm.errors import SessionError
 from vfm_sdm.session.faults import cross_faults, field_faults
 from vfm_sdm.session.site import Entry, Level, Name, Number, Positive, Site
 
-__all__ = [
-    "Chessboard",
-    "Lens",
-    "Method",
-    "Network",
-    "Point",
-    "Sensor",
-    "Session",
-    "Sgr",
-    "View",
-]
+__all__ = ["Chessboard", "Lens", "Method", "Network", "Point", "Sensor", "Session", "Sfm", "Sgr", "View"]
 
 _Count = Annotated[int, Strict(), Field(ge=3)]
 _ViewName = Annotated[Name, Field(pattern=r"^[^/\\]+$")]  # becomes a netCDF group and part of a file name
@@ -213,6 +203,22 @@ class Network(Entry):
     """Of matrix products; bfloat16 on GPUs by default."""
 
 
+class Sfm(Entry):
+    """Settings of the cameras ``sfm``: what is matched, and by whom."""
+
+    features: Literal["sift", "superpoint"] = "sift"
+    matcher: Literal["superglue", "lightglue"] | None = None
+    """Who matches SuperPoint's features: SuperGlue where nothing is said, as in the paper."""
+    model: Name | None = None
+    """Folder of the matcher's checkpoint; the published one from the download cache where nothing is said."""
+
+    @model_validator(mode="after")
+    def _learned(self) -> Self:
+        if self.features == "sift" and (self.matcher or self.model):
+            raise ValueError('expected features = "superpoint" for a matcher or model, got "sift"; add it')
+        return self
+
+
 class Method(Entry):
     """How to measure."""
 
@@ -232,6 +238,7 @@ class Method(Entry):
     """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
     VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
     network: Network = Network()
+    sfm: Sfm = Sfm()
 
 
 class Session(Entry):

@@ -6,16 +6,18 @@ import types
 import numpy as np
 import pytest
 
+from vfm_sdm.backends import Backend
 from vfm_sdm.cameras import base
-from vfm_sdm.cameras.base import CameraEstimate, Matches, find_estimator
+from vfm_sdm.cameras.base import CameraEstimate, Matches, estimator_of, find_estimator
 from vfm_sdm.errors import BackendUnavailableError, CameraError, DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.session import Method
 
 POINTS = np.arange(10.0).reshape(5, 2)
 
 
 class TestFindEstimator:
-    @pytest.mark.parametrize("name", ["file", "chessboard", "two-view"])
+    @pytest.mark.parametrize("name", ["file", "chessboard", "two-view"])  # the others need more than the core
     def test_finds_by_name(self, name):
         estimator = find_estimator(name)
         assert estimator.name == name
@@ -26,16 +28,25 @@ class TestFindEstimator:
 
     def test_unknown_name_is_refused(self):
         with pytest.raises(
-            BackendUnavailableError, match=r"cameras: expected one of \['chessboard', 'file', 'two-view'\], got 'sfm'"
+            BackendUnavailableError, match=r"expected one of \['chessboard', 'file', 'sfm', .*'vggt'\], got 'colmap'"
         ):
-            find_estimator("sfm")
+            find_estimator("colmap")
+
+    def test_takes_the_settings_that_it_names_from_the_session(self, monkeypatch):
+        module = types.ModuleType("vfm_sdm_test_estimator")
+        module.Mine = type("Mine", (), {"__init__": lambda self, **settings: setattr(self, "settings", settings)})
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        monkeypatch.setitem(base.ESTIMATORS, "mine", Backend(module.__name__, "Mine", ("sfm", "network")))
+        method = Method(cameras="mine", sfm={"features": "superpoint"})
+        assert estimator_of(method).settings == {"sfm": method.sfm, "network": method.network}
+        assert estimator_of(Method(cameras="two-view")).name == "two-view"
 
     def test_imports_only_what_is_asked_for(self, monkeypatch):
         module = types.ModuleType("vfm_sdm_test_estimator")
         module.Mine = type("Mine", (), {"name": "mine"})
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setitem(base.ESTIMATORS, "mine", (module.__name__, "Mine"))
-        monkeypatch.setitem(base.ESTIMATORS, "broken", ("vfm_sdm.no_such_module", "Nothing"))
+        monkeypatch.setitem(base.ESTIMATORS, "mine", Backend(module.__name__, "Mine"))
+        monkeypatch.setitem(base.ESTIMATORS, "broken", Backend("vfm_sdm.no_such_module", "Nothing"))
         assert find_estimator("mine").name == "mine"
         with pytest.raises(ModuleNotFoundError):
             find_estimator("broken")

@@ -13,6 +13,7 @@ from rooms import BASELINE_M, FOCAL_PX, SIZE, TARGET, angle_between_deg, room_fr
 from simulation import gain_error, project_all
 from textures import WaveTexture
 from vfm_sdm.cameras import learned_features
+from vfm_sdm.cameras.base import estimator_of
 from vfm_sdm.cameras.file import write_rig
 from vfm_sdm.cameras.learned_features import MATCHERS, LearnedMatcher
 from vfm_sdm.cameras.sfm import NOT_RECONSTRUCTED, SfmCameras
@@ -22,7 +23,7 @@ from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std
 from vfm_sdm.geometry.triangulation import sampson_error
-from vfm_sdm.session import Site
+from vfm_sdm.session import Method, Sfm, Site
 
 pycolmap = pytest.importorskip("pycolmap", reason="structure from motion needs the extra 'sfm'")
 
@@ -40,9 +41,9 @@ def texture(seed):
     return np.clip(np.rint(WaveTexture(seed, waves=40).image(SIZE[::-1])), 0, 255).astype(np.uint8)
 
 
-def with_matches(matches, **options):
+def with_matches(matches):
     """The estimator with ready matches in place of a learned matcher's."""
-    estimator = SfmCameras(**options)
+    estimator = SfmCameras()
     estimator._matcher = SimpleNamespace(match=lambda images: matches)
     return estimator
 
@@ -210,15 +211,6 @@ class TestRefused:
         with pytest.raises(CameraError, match=r"view 'right': expected K without skew, got 2\.0; use cameras"):
             SfmCameras().estimate(room_session(rig, view=view, folder=tmp_path), blank_frames(rig))
 
-    def test_unknown_features(self):
-        with pytest.raises(BackendUnavailableError, match=r"expected one of \['sift', 'superpoint'\], got 'orb'"):
-            SfmCameras(features="orb")
-
-    @pytest.mark.parametrize("option", [{"matcher": "lightglue"}, {"model": "folder"}])
-    def test_a_matcher_for_sift(self, option):
-        with pytest.raises(CameraError, match="expected no matcher or model with features = 'sift'"):
-            SfmCameras(**option)
-
     def test_without_pycolmap(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "pycolmap", None)
         with pytest.raises(BackendUnavailableError, match=r"pycolmap, got none; pip install 'vfm-sdm\[sfm\]'"):
@@ -322,7 +314,8 @@ class TestLearnedMatcher:
 
     def test_all_of_sfm_runs_with_it(self, checkpoints, matcher, pair, capfd):
         rig, frames = pair
-        estimator = SfmCameras(features="superpoint", matcher=matcher, model=checkpoints[matcher])
+        settings = Sfm(features="superpoint", matcher=matcher, model=str(checkpoints[matcher]))
+        estimator = estimator_of(Method(cameras="sfm", sfm=settings))
         parts = {name: frame[::3, ::3] for name, frame in frames.items()}
         estimate = estimator.estimate(room_session(rig), parts)
         # Random weights match at random.
@@ -336,19 +329,19 @@ class TestLearnedMatcher:
 
     def test_unknown_name(self):
         with pytest.raises(BackendUnavailableError, match=r"expected one of \['lightglue', 'superglue'\], got 'loftr'"):
-            SfmCameras(features="superpoint", matcher="loftr")
+            LearnedMatcher("loftr")
 
     def test_without_transformers(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "transformers", None)
         with pytest.raises(BackendUnavailableError, match=r"'superglue': expected torch and transformers, got no"):
-            SfmCameras(features="superpoint")
+            SfmCameras(sfm=Sfm(features="superpoint"))
 
     def test_without_a_checkpoint(self, checkpoints, monkeypatch):
         monkeypatch.setitem(learned_features.MATCHERS, "superglue", "nobody/nothing")
         with pytest.raises(
             BackendUnavailableError, match=r"on this machine, got none; download .* as model = '\.\.\.'"
         ):
-            SfmCameras(features="superpoint")
+            SfmCameras(sfm=Sfm(features="superpoint"))
 
     def test_without_its_folder(self, checkpoints, tmp_path):
         with pytest.raises(BackendUnavailableError, match=r"expected a folder, got none; download"):

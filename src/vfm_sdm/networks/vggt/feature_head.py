@@ -51,12 +51,14 @@ class FeatureHead(nn.Module):
         """
         layers = [tokens[layer] for layer in self.config.feature_layers]
         # Never in reduced precision: positions are read off these maps to a fraction of a cell.
-        with torch.autocast(layers[0].device.type, enabled=False):
-            parts = [
-                self._few([layer[start : start + _FRAMES].to(self.norm.weight.dtype) for layer in layers], image_size)
-                for start in range(0, len(layers[0]), _FRAMES)
-            ]
-        return torch.cat(parts)
+        height, width = image_size
+        dtype = self.norm.weight.dtype
+        found = layers[0].new_empty((len(layers[0]), self.config.features, height // 2, width // 2), dtype=dtype)
+        with torch.autocast(found.device.type, enabled=False):
+            for start in range(0, len(found), _FRAMES):
+                few = slice(start, start + _FRAMES)
+                found[few] = self._few([layer[few].to(dtype) for layer in layers], image_size)
+        return found
 
     def _few(self, layers: list[Tensor], image_size: tuple[int, int]) -> Tensor:
         height, width = image_size

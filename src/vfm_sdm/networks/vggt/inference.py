@@ -16,7 +16,7 @@ __all__ = ["VggtInference"]
 
 _CHANNEL_BYTES = 50
 """Peak memory of a token's channel in the aggregator: residual, queries, keys, values, hidden units [byte]."""
-_FEATURE_BYTES = 12
+_FEATURE_BYTES = 10
 """Of a feature map's value: the maps, the same normalised, and the coarser levels [byte]."""
 
 
@@ -112,7 +112,8 @@ class VggtInference:
         kept = len(config.feature_layers) * 2 * config.width * (2 if self.placement.reduced else 4)
         working = config.width * _CHANNEL_BYTES * (1 if self.placement.reduced else 2)
         maps = config.features * (height // 2) * (width // 2) * _FEATURE_BYTES
-        return int(free // (tokens * (kept + working) + maps))
+        # The tokens are gone when the tracker runs.
+        return int(free // max(tokens * (kept + working), maps))
 
     @property
     def _dtype(self) -> torch.dtype:
