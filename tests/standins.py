@@ -1,5 +1,6 @@
 """Networks that know the truth, to test what is around a network: chunks, patches, statuses, mappings."""
 
+import cv2
 import numpy as np
 
 from vfm_sdm.networks.found import ChunkTracks
@@ -55,3 +56,34 @@ class KnownMotion:
 def swaying(index):
     """A motion without a period."""
     return np.array([2.5 * np.sin(0.37 * index), 1.5 * np.cos(0.23 * index) - 1.5 + 0.01 * index])
+
+
+class MatchingNetwork:
+    """Follows points by plain correlation of small squares, to a pixel, as a network of modest skill would."""
+
+    precision = "float32"
+
+    def __init__(self, half=12, reach=12):
+        self.half, self.reach = half, reach
+
+    def follow(self, frames, queries):
+        grey = frames.mean(axis=3).astype(np.float32)
+        size = 2 * self.half + 1
+        positions = np.empty((len(frames), len(queries), 2))
+        seen = np.empty((len(frames), len(queries)))
+        for index, query in enumerate(queries):
+            u, v = np.rint(query).astype(int)
+            template = grey[0, v - self.half : v + self.half + 1, u - self.half : u + self.half + 1]
+            top, left = max(v - self.half - self.reach, 0), max(u - self.half - self.reach, 0)
+            for frame, picture in enumerate(grey):
+                window = picture[top : top + size + 2 * self.reach, left : left + size + 2 * self.reach]
+                if template.shape != (size, size) or min(window.shape) < size:
+                    positions[frame, index], seen[frame, index] = query, 0.0
+                    continue
+                _, best, _, place = cv2.minMaxLoc(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
+                positions[frame, index] = query + np.array(place) + [left - u + self.half, top - v + self.half]
+                seen[frame, index] = best
+        return ChunkTracks(positions, seen, seen)
+
+    def plan_frames(self, height, width):
+        return None

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from boards import add_noise, board_poses, see_board
+from known_cameras import KnownCameras, as_colors, vggt_cameras, with_pictures, write_pictures
 from rooms import BASELINE_M, SIZE, room_frames, room_rig, room_session
 from vfm_sdm.cameras.base import ESTIMATORS, CameraEstimate, find_estimator
 from vfm_sdm.cameras.board_detection import board_points
@@ -15,13 +16,16 @@ from vfm_sdm.cameras.site import rig_difference
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 
-NEEDS_WEIGHTS = {"vggt"}
-"""Estimators that have a suite of their own, because without real weights they find nothing."""
-USES_IMAGES = {"sfm", "two-view"}
-NEEDS_TWO_VIEWS = {"chessboard", "sfm", "two-view"}
-PACKAGES = {"sfm": "pycolmap"}
+NETWORKS = {"vggt"}
+"""Estimators whose weights cannot be had here: they run with a stand-in that knows the room, or with random weights."""
+NEEDS_FEATURES = {"sfm", "two-view"}
+USES_IMAGES = NEEDS_FEATURES | NETWORKS
+NEEDS_TWO_VIEWS = {"chessboard", *USES_IMAGES}
+PACKAGES = {"sfm": "pycolmap", "vggt": "torch"}
 
 PATTERN, SQUARE_M = (9, 6), 0.25
+RESIZED = (518, 392)
+"""What VGGT makes of the room's pictures."""
 FOCAL_FACTOR = 1.005
 """How much too long the stated focal lengths are: half of their standard deviation."""
 FILE_STD = np.array([1e-3, 0.5, 0.5, 1e-3, *[1e-3] * 3, *[2e-3] * 3])
@@ -34,7 +38,7 @@ def room():
     return rig, room_frames(rig)
 
 
-@pytest.fixture(params=sorted(set(ESTIMATORS) - NEEDS_WEIGHTS))
+@pytest.fixture(params=sorted(ESTIMATORS))
 def name(request):
     package = PACKAGES.get(request.param)
     if package is not None and find_spec(package) is None:
@@ -44,7 +48,7 @@ def name(request):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, room):
-    """Everything that an estimator may read: a camera file of known accuracy, and corners of a chessboard."""
+    """All that an estimator may read: a camera file of known accuracy, corners of a chessboard, the first pictures."""
     made, rng = tmp_path_factory.mktemp("room"), np.random.default_rng(5)
     truth = room[0]
     std = np.concatenate([FILE_STD * [1, 1, 1, 1, *[0] * 6], FILE_STD])
@@ -57,6 +61,7 @@ def folder(tmp_path_factory, room):
     poses[:, :, 3] += [-0.1, 0.1, 1.0]
     corners = add_noise(see_board(truth, poses, board), rng, 0.1)
     np.savez(made / "corners.npz", board_xy_mm=1e3 * board, **{view: np.array(seen) for view, seen in corners.items()})
+    write_pictures(made, truth.names, as_colors(room[1]))
     return made
 
 
@@ -67,18 +72,27 @@ def session_for(name, folder, rig, **more):
         fields["view"] = [{"name": n, "video": f"{n}.mp4", "camera": "rig.toml"} for n in rig.names]
     if name == "chessboard":
         fields["chessboard"] = {"pattern": PATTERN, "square_mm": 1e3 * SQUARE_M, "corners": "corners.npz"}
-    return room_session(rig, focal_factor=FOCAL_FACTOR, folder=folder, **fields)
+    session = room_session(rig, focal_factor=FOCAL_FACTOR, folder=folder, **fields)
+    return with_pictures(session) if name in NETWORKS else session
+
+
+def estimator_for(name, folder, room=None):
+    """The estimator; a network knows the room where one is given, else it has random weights."""
+    if name not in NETWORKS:
+        return find_estimator(name)
+    known = None if room is None else KnownCameras(room[0], as_colors(room[1]), [RESIZED] * 2)
+    return vggt_cameras(folder, known)
 
 
 @pytest.fixture(scope="module")
 def estimates(room, folder):
-    """Estimate by name, made once."""
+    """Estimate by name, of a network that knows the room; made once."""
     made = {}
 
     def estimate(name):
         if name not in made:
             rig, frames = room
-            made[name] = find_estimator(name).estimate(session_for(name, folder, rig), frames)
+            made[name] = estimator_for(name, folder, room).estimate(session_for(name, folder, rig), frames)
         return made[name]
 
     return estimate
@@ -145,9 +159,10 @@ def test_image_based_estimators_hand_on_their_matches(name, estimates):
     assert bool(estimates(name).matches) == (name in USES_IMAGES)
 
 
-def test_is_deterministic(name, estimates, room, folder):
+def test_is_deterministic(name, room, folder):
     rig, frames = room
-    first, second = estimates(name), find_estimator(name).estimate(session_for(name, folder, rig), frames)
+    first, second = (estimator_for(name, folder).estimate(session_for(name, folder, rig), frames) for _ in range(2))
+    assert first.status == second.status == "ok"
     for a, b in zip(first.rig.cameras, second.rig.cameras, strict=True):
         # To rounding: where an array lies in memory decides the order in which a matrix product is summed.
         np.testing.assert_allclose(a.K, b.K, rtol=1e-12)
@@ -160,7 +175,7 @@ def test_the_first_frame_is_the_reference_view(name, room, folder):
     rig, frames = room
     swapped = {view: frames[view] for view in reversed(rig.names)}
     truth = Rig.from_world(rig.names[::-1], rig.cameras[::-1], metric=True)
-    found = find_estimator(name).estimate(session_for(name, folder, rig), swapped).rig
+    found = estimator_for(name, folder, room).estimate(session_for(name, folder, rig), swapped).rig
     assert found.names == truth.names
     np.testing.assert_allclose(found.cameras[0].cam_from_world, np.eye(3, 4), atol=1e-12)
     difference = rig_difference(truth, found)[-6:]
@@ -176,8 +191,8 @@ def test_frames_are_not_changed(name, estimates, room):
 
 
 def test_featureless_frames_are_a_named_failure(name, room, folder):
-    if name not in USES_IMAGES:
-        pytest.skip(f"{name!r} does not look at the frames")
+    if name not in NEEDS_FEATURES:
+        pytest.skip(f"{name!r} does not rest on features")
     rig, _ = room
     flat = {view: np.full(SIZE[::-1], 90, np.uint8) for view in rig.names}
     estimate = find_estimator(name).estimate(session_for(name, folder, rig), flat)
@@ -191,10 +206,10 @@ def test_one_view_is_refused(name, room, folder):
         pytest.skip(f"{name!r} needs no second view")
     rig, frames = room
     with pytest.raises(CameraError, match=r"expected at least two views, got \['left'\]; add a \[\[view\]\]"):
-        find_estimator(name).estimate(session_for(name, folder, rig), {"left": frames["left"]})
+        estimator_for(name, folder).estimate(session_for(name, folder, rig), {"left": frames["left"]})
 
 
-def test_a_missing_baseline_is_refused(name, room):
+def test_a_missing_baseline_is_refused(name, room, folder):
     if name not in USES_IMAGES:
         pytest.skip(f"{name!r} has its scale from elsewhere")
     rig, frames = room
@@ -202,7 +217,7 @@ def test_a_missing_baseline_is_refused(name, room):
         update={"site": room_session(rig).site.model_copy(update={"baseline": None})}
     )
     with pytest.raises(CameraError, match=rf"{name}: expected site\.baseline, got none; measure the distance"):
-        find_estimator(name).estimate(session, frames)
+        estimator_for(name, folder).estimate(session, frames)
 
 
 def test_an_unknown_name_lists_the_known_ones():

@@ -18,6 +18,7 @@ _SHIFTS_PX = ((0.11, -0.07), (0.23, 0.19), (-0.31, 0.37), (0.5, -0.5), (-0.43, 0
 """Small, as the motion of structures is, and spread over the fractions of a pixel, where interpolation errs."""
 _MARGIN_PX = 12
 _FINE = 16
+_GAIN = "gain of injected shifts"
 _GAIN_CAUTION, _GAIN_FAIL = 0.02, 0.1
 _DROPPED_CAUTION, _DROPPED_FAIL = 1e-9, 0.1
 
@@ -57,7 +58,16 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
     -----
     The shifted picture gets noise of its own, as much as the frame seems to have: what draws the gain of a weak texture
     towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera would see them.
+
+    What registration finds says nothing of a network that follows points by itself; its gain is unknown.
     """
+    alone = [view for view, t in inputs.tracks.items() if "weights" in t.attrs and "disagreement" not in t]
+    if alone:
+        sentence = (
+            "positions are a network's own, whose gain on small motion is not known; "
+            'let registration measure (tracker "...+icgn"), or test the weights (docs/networks.md)'
+        )
+        return AuditCheck(_GAIN, Outcome.CAUTION, float("nan"), _GAIN_CAUTION, "1", sentence, alone[0])
     found = {}
     for view, image in inputs.frames.items():
         for point in inputs.moving:
@@ -66,7 +76,7 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
             if np.isfinite(gain):
                 found[f"{point} in {view}"] = abs(gain - 1)
     return judge(
-        "gain of injected shifts",
+        _GAIN,
         found,
         caution=_GAIN_CAUTION,
         fail=_GAIN_FAIL,

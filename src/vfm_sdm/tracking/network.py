@@ -36,6 +36,8 @@ class NetworkPreset:
 
     Parameters
     ----------
+    name
+        For the tracks' attributes.
     plan
         Chunks.
     side_px, multiple, least_px
@@ -45,6 +47,7 @@ class NetworkPreset:
         it into none.
     """
 
+    name: str
     plan: ChunkPlan
     side_px: int
     multiple: int
@@ -114,7 +117,10 @@ class NetworkTracker(ABC):
             progress=progress,
         )
         return tracks.assign_attrs(
-            tracker=self.name, weights=weights_id(self.weights), precision=self.inference.precision
+            tracker=self.name,
+            preset=self.preset.name,
+            weights=weights_id(self.weights),
+            precision=self.inference.precision,
         )
 
 

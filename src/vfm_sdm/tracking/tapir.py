@@ -6,7 +6,7 @@ from vfm_sdm.tracking.network import NetworkPreset, NetworkTracker
 
 __all__ = ["PRESET", "TapirTracker"]
 
-PRESET = NetworkPreset(ChunkPlan(96), 256, multiple=8, least_px=64)
+PRESET = NetworkPreset("anchored", ChunkPlan(96), 256, multiple=8, least_px=64)
 """Patches of 256 px, the resolution that it works at, so that nothing is resized; chunks that all begin with the
 reference frame, whose features are looked for in every other frame: nothing drifts."""
 

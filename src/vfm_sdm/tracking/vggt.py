@@ -16,8 +16,8 @@ _OTHER_HEAD = "tracker_fixed"
 """In the names of weights that have the same keys and shapes, but belong to another feature head."""
 
 PRESETS = {
-    "paper": NetworkPreset(ChunkPlan(144, overlap=32), 294, _PATCH_PX, _LEAST_PX, canvas=(518, 294)),
-    "fast": NetworkPreset(ChunkPlan(32), 294, _PATCH_PX, _LEAST_PX),
+    "paper": NetworkPreset("paper", ChunkPlan(144, overlap=32), 294, _PATCH_PX, _LEAST_PX, canvas=(518, 294)),
+    "fast": NetworkPreset("fast", ChunkPlan(32), 294, _PATCH_PX, _LEAST_PX),
 }
 """``paper``: patches of 294 px at the top left of a black picture of 294 x 518 px, chunks of 144 frames that overlap by
 32 and are joined there. ``fast``: nothing around the patches, and short chunks that all begin with the reference frame:

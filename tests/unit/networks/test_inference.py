@@ -124,7 +124,7 @@ def test_a_real_shortage_is_recognised():
 
 
 def test_devices_that_are_not_here_are_refused():
-    with pytest.raises(BackendUnavailableError, match='expected one that PyTorch can use here, got \'quantum\'.*"cpu"'):
+    with pytest.raises(BackendUnavailableError, match="expected one that PyTorch can use here, got 'quantum'; set"):
         choose_placement("quantum")
     if not torch.cuda.is_available():
         with pytest.raises(BackendUnavailableError, match="got 'cuda:0'"):

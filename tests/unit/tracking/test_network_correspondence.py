@@ -14,9 +14,9 @@ TRUE = np.array([[311.5, 240.125], [20.25, 30.5], [600.0, 455.5]])
 def ramps(shape, view):
     """Column in red, row in green (both of 0 .. 250 across the picture), the view in blue."""
     rows, columns = np.mgrid[: shape[0], : shape[1]]
-    return np.stack(
-        [columns / (shape[1] - 1) * 250, rows / (shape[0] - 1) * 250, np.full(shape, view)], axis=2
-    ).astype(np.uint8)
+    return np.stack([columns / (shape[1] - 1) * 250, rows / (shape[0] - 1) * 250, np.full(shape, view)], axis=2).astype(
+        np.uint8
+    )
 
 
 class Oracle:

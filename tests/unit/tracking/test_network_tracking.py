@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from moving_frames import NaturalTexture, digitize, memory_video
 
+from moving_frames import NaturalTexture, digitize, memory_video
 from standins import KnownMotion, swaying
 from vfm_sdm.datasets import Status, check_tracks
 from vfm_sdm.errors import BackendUnavailableError, DatasetError, SessionError
@@ -14,8 +14,8 @@ from vfm_sdm.tracking.network import NetworkPreset, follow_with_network
 from vfm_sdm.tracking.patches import plan_patches
 from vfm_sdm.tracking.polish import PolishedTracker
 
-PRESET = NetworkPreset(ChunkPlan(10), 98, multiple=14, least_px=56)
-PADDED = NetworkPreset(ChunkPlan(12, overlap=4), 98, multiple=14, least_px=56, canvas=(196, 98))
+PRESET = NetworkPreset("short", ChunkPlan(10), 98, multiple=14, least_px=56)
+PADDED = NetworkPreset("padded", ChunkPlan(12, overlap=4), 98, multiple=14, least_px=56, canvas=(196, 98))
 POINTS = np.array([[60.25, 70.5], [200.125, 150.0], [30.0, 20.75], [210.0, 158.5]])
 NAMES = ["a", "b", "c", "d"]
 FRAMES = 35

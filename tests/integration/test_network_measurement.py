@@ -1,0 +1,119 @@
+"""The whole way with the networks' back ends: settings of the session reach them, their results reach millimetres.
+
+Stand-ins take the place of trained networks: one that follows points by plain correlation, and the true cameras.
+"""
+
+import numpy as np
+import pytest
+
+from scenes import FRAMES, motion_mm, write_scene
+from standins import MatchingNetwork
+from vfm_sdm.datasets import Status
+from vfm_sdm.errors import BackendUnavailableError
+from vfm_sdm.measurement import Run, measure
+from vfm_sdm.session import Method, Network, read_session
+from vfm_sdm.tracking.vggt import VggtTracker
+
+pytest.importorskip("torch", reason="PyTorch is not installed; pip install 'vfm-sdm[vfm]'")
+
+TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    return write_scene(tmp_path_factory.mktemp("scene"))
+
+
+@pytest.fixture
+def session(recorded, tmp_path):
+    def with_method(**fields):
+        weights = tmp_path / "mine.safetensors"
+        weights.write_bytes(b"stands for weights")
+        network = Network(weights=str(weights), device="cpu")
+        found = read_session(recorded)
+        method = Method(**{**found.method.model_dump(), "network": network, **fields})
+        return found.model_copy(update={"method": method})
+
+    return with_method
+
+
+@pytest.fixture
+def matching(monkeypatch):
+    monkeypatch.setattr(VggtTracker, "load", lambda self: MatchingNetwork())
+
+
+@pytest.mark.parametrize("preset", ["fast", "paper"])
+def test_network_and_registration_give_the_truth(session, matching, preset, tmp_path):
+    chosen = session(tracker="vggt+icgn")
+    network = chosen.method.network.model_copy(update={"preset": preset})
+    chosen = chosen.model_copy(update={"method": chosen.method.model_copy(update={"network": network})})
+    result = measure(chosen, tmp_path / "run")
+    error = result.displacement["displacement"].values - TRUE_MM[:, None]
+    assert np.abs(error[..., :2]).max() < 0.08
+    assert np.abs(error[..., 2]).max() < 0.25
+    for tracks in result.tracks.values():
+        assert tracks.attrs["tracker"] == "vggt+icgn"
+        assert tracks.attrs["weights"].startswith("mine-")
+        assert tracks.attrs["preset"] == preset
+        assert float(tracks["disagreement"].max()) < 1.0
+    assert result.summary["versions"]["torch"]
+
+
+def test_a_network_alone_says_what_it_does_not_know(session, matching):
+    result = measure(session(tracker="vggt"))
+    error = result.displacement["displacement"].values - TRUE_MM[:, None]
+    seen = result.displacement["status"].values[1:] == Status.OK
+    stated = result.displacement["expanded_uncertainty"].values
+    # Whole pixels of 12 mm: the result is poor, and its uncertainty (k = 2) says so.
+    assert seen.mean() > 0.9
+    assert np.median(stated[1:][seen][:, :2]) > 3
+    assert np.sqrt(np.mean((error[1:][seen] / stated[1:][seen])[:, :2] ** 2)) < 1
+    gain = next(check for check in result.audit.checks if check.name == "gain of injected shifts")
+    assert gain.outcome.value == "caution"
+    assert "not known" in gain.sentence
+
+
+def test_the_network_carries_points_to_the_other_view(session, matching, monkeypatch):
+    asked = []
+
+    def locate(network, first, second, points2d):
+        asked.append((type(network).__name__, first.shape, len(points2d)))
+        return np.full(points2d.shape, np.nan)
+
+    monkeypatch.setattr("vfm_sdm.point_transfer.locate_points", locate)
+    chosen = session(correspondence="vggt")
+    solution = Run(chosen).cameras()
+    assert {(name, count) for name, _, count in asked} == {("MatchingNetwork", len(chosen.point))}
+    # It saw nothing, so the points were looked for as without it.
+    plain = Run(session()).cameras()
+    for view, named in plain.points.items():
+        np.testing.assert_allclose([solution.points[view][p] for p in named], list(named.values()), atol=1e-9)
+
+
+def test_a_place_that_the_network_names_is_registered(session, matching, monkeypatch):
+    plain = Run(session()).cameras()
+    true = np.array(list(plain.points["right"].values()))
+    monkeypatch.setattr("vfm_sdm.point_transfer.locate_points", lambda *args: true + np.array([0.8, -0.6]))
+    found = Run(session(correspondence="vggt")).cameras()
+    np.testing.assert_allclose(list(found.points["right"].values()), true, atol=0.05)
+
+
+@pytest.mark.parametrize("fields", [{"tracker": "vggt"}, {"tracker": "tapir+icgn"}, {"correspondence": "vggt"}])
+def test_missing_weights_stop_before_any_work(session, fields, tmp_path):
+    with pytest.raises(BackendUnavailableError, match=r"expected a file, got .*absent\.pt"):
+        measure(session(**fields, network=Network(weights=str(tmp_path / "absent.pt"))), tmp_path / "run")
+    with pytest.raises(BackendUnavailableError, match="vfm-sdm weights fetch"):
+        measure(session(**fields, network=Network()), tmp_path / "run")
+
+
+def test_another_weights_file_means_other_tracks(session, matching, tmp_path):
+    folder = tmp_path / "run"
+    measure(session(tracker="vggt+icgn"), folder)
+    again = Run(session(tracker="vggt+icgn"), folder)
+    again.tracks(again.cameras())
+    assert again.reused == ["cameras", "tracking"]
+    other = tmp_path / "other.safetensors"
+    other.write_bytes(b"other")
+    changed = Run(session(tracker="vggt+icgn", network=Network(weights=str(other), device="cpu")), folder)
+    changed.tracks(changed.cameras())
+    assert "tracking" not in changed.reused

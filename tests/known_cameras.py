@@ -1,0 +1,71 @@
+"""VGGT that knows the truth, to test what is around the network: resizing, focal lengths, frames, scale, statuses."""
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from small_networks import vggt_on_cpu
+from vfm_sdm.cameras.base import find_estimator
+from vfm_sdm.cameras.network_view import network_view
+from vfm_sdm.networks.vggt.pose import encode_pose
+from vfm_sdm.session import Network
+
+UNIT_M = 20.0
+"""What it takes for a length of one."""
+_WORLD = Rotation.from_rotvec([0.3, -0.2, 0.1]).as_matrix()
+_ORIGIN = np.array([0.1, 0.2, -0.3])
+
+
+class KnownCameras:
+    """In place of `VggtInference`: pose vectors of the true cameras of the pictures it is shown, in a world of its own.
+
+    Parameters
+    ----------
+    rig
+        True cameras.
+    pictures
+        Shape (height, width, 3) each; it knows no others.
+    resized
+        Width and height that each picture has for the network.
+    """
+
+    def __init__(self, rig, pictures, resized):
+        self.pictures, _ = network_view(pictures)
+        stretch = [np.divide(new, camera.image_size) for new, camera in zip(resized, rig.cameras, strict=True)]
+        K = np.array([c.K * np.array([[u], [v], [1]]) for c, (u, v) in zip(rig.cameras, stretch, strict=True)])
+        pose = np.array([c.cam_from_world for c in rig.cameras])
+        pose[:, :, 3] = pose[:, :, 3] / UNIT_M + pose[:, :, :3] @ _ORIGIN
+        pose[:, :, :3] = pose[:, :, :3] @ _WORLD
+        size = tuple(max(side) for side in zip(*resized, strict=True))
+        self.poses = encode_pose(pose, K, size)
+
+    def estimate_poses(self, images):
+        return self.poses[[next(k for k, p in enumerate(self.pictures) if np.array_equal(p, i)) for i in images]]
+
+
+def as_colors(frames):
+    """Grey pictures (height, width, 3) of luma by view name."""
+    return [np.repeat(frame[..., None], 3, axis=2) for frame in frames.values()]
+
+
+def write_pictures(folder, names, pictures):
+    """One image file a view."""
+    for name, picture in zip(names, pictures, strict=True):
+        cv2.imwrite(str(folder / f"{name}.png"), np.ascontiguousarray(picture[..., ::-1]))
+
+
+def with_pictures(session):
+    """The session with the files of `write_pictures` for its recordings."""
+    views = [
+        view.model_copy(update={"video": None, "images": f"{view.name}.png", "fps": 30.0}) for view in session.view
+    ]
+    return session.model_copy(update={"view": tuple(views)})
+
+
+def vggt_cameras(folder, inference=None):
+    """The estimator ``vggt`` with a stand-in, or else with a small network of random weights."""
+    weights = folder / "random.safetensors"
+    weights.write_bytes(b"stands for weights")
+    estimator = find_estimator("vggt", network=Network(weights=str(weights), device="cpu"))
+    estimator.__dict__["inference"] = inference or vggt_on_cpu(track=False)
+    return estimator
