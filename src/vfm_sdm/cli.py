@@ -268,7 +268,7 @@ def info() -> None:
     for name, lines in describe_environment().items():
         _out.print(f"[bold]{name}[/bold]")
         for line in lines:
-            _out.print(f"  {line}", markup=False, highlight=False)
+            _out.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _acknowledged(name: str) -> bool:

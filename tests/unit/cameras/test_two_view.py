@@ -1,11 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from simulation import project_all, scene_points, simple_rig
+from rooms import BASELINE_M, SIZE, TARGET, angle_between_deg, room_frames, room_rig, room_session
+from simulation import looking_at, project_all, scene_points, simple_rig
+from vfm_sdm.cameras import two_view
 from vfm_sdm.cameras.features import match_features, to_eight_bit
-from vfm_sdm.cameras.two_view import TOO_FEW_MATCHES, TwoViewCameras, estimate_relative_pose
+from vfm_sdm.cameras.site import adjust_to_site
+from vfm_sdm.cameras.two_view import NO_COMMON_SCALE, TOO_FEW_MATCHES, TwoViewCameras, estimate_relative_pose
 from vfm_sdm.errors import CameraError
-from vfm_sdm.session import Session
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.triangulation import sampson_error
+from vfm_sdm.session import Session, Site
 
 
 def session(*, lens=True, baseline=True, views=("left", "right")):
@@ -97,3 +104,57 @@ class TestTwoViewCameras:
         assert any("nothing known of the lens" in note for note in estimate.notes)
         if estimate.rig is not None:
             assert np.sqrt(estimate.rig.covariance[0, 0]) == pytest.approx(0.5)
+
+
+@pytest.fixture(scope="module")
+def trio():
+    """The true rig, whose cameras do not stand in a row, and what they see."""
+    rig = room_rig(3)
+    third = rig.cameras[2]
+    pose = looking_at(third.center + np.array([-0.6, -1.5, 0.0]), TARGET)
+    rig = Rig(rig.names, (*rig.cameras[:2], replace(third, cam_from_world=pose)), True)
+    return rig, room_frames(rig)
+
+
+@pytest.fixture(scope="module")
+def estimate(trio):
+    rig, frames = trio
+    return TwoViewCameras().estimate(room_session(rig), frames)
+
+
+class TestThreeViews:
+    def test_have_one_scale(self, trio, estimate):
+        rig, _ = trio
+        assert estimate.status == "ok"
+        assert estimate.rig.baseline() == pytest.approx(BASELINE_M)
+        assert estimate.rig.baseline(0, 2) == pytest.approx(rig.baseline(0, 2), rel=0.01)
+        for found, true in zip(estimate.rig.cameras[1:], rig.cameras[1:], strict=True):
+            assert angle_between_deg(found.rotation, true.rotation) < 0.2
+            assert angle_between_deg(found.translation, true.translation) < 0.5
+
+    def test_hand_on_what_the_further_ones_share(self, trio, estimate):
+        rig, _ = trio
+        assert [(m.first, m.second) for m in estimate.matches] == [(0, 1), (0, 2), (1, 2)]
+        m = estimate.matches[2]
+        error = sampson_error(m.points_first, m.points_second, rig, first=1, second=2)
+        assert np.median(np.abs(error)) < 0.2
+
+    def test_keep_their_scale_on_site(self, trio, estimate):
+        rig, _ = trio
+        site = Site(baseline={"value": BASELINE_M, "std": 0.002})
+        adjustment = adjust_to_site(estimate.rig, estimate.matches, site)
+        std = np.sqrt(np.diag(adjustment.rig.covariance))[27:]
+        assert adjustment.rig.baseline(0, 2) == pytest.approx(rig.baseline(0, 2), rel=0.01)
+        assert np.linalg.norm(std) < 0.05 * rig.baseline(0, 2)
+
+    def test_without_common_points_are_a_named_failure(self, trio, monkeypatch):
+        rig, frames = trio
+        u = project_all(rig, np.random.default_rng(0).uniform([-2, -1, 10], [2, 1, 13], (400, 3)))
+        u = u[:, ((u >= 0) & (u <= np.array(SIZE) - 1)).all(axis=(0, 2))]
+        # The first twenty features are matched in both pairs, all others in one.
+        half = u.shape[1] // 2
+        seen = [(u[0, :half], u[1, :half]), (u[0, half - 20 :], u[2, half - 20 :])]
+        monkeypatch.setattr(two_view, "match_features", lambda first, second: seen.pop(0))
+        estimate = TwoViewCameras().estimate(room_session(rig), frames)
+        assert (estimate.rig, estimate.matches, estimate.status) == (None, (), NO_COMMON_SCALE)
+        assert "left, right and third: 20 matches go through all three, 30 are needed" in estimate.notes[-1]
