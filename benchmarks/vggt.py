@@ -30,7 +30,7 @@ from torch.nn import functional as F
 from vggt_costs import count_cameras, count_tracking, modelled_peak_gb
 
 from vfm_sdm.networks.device import choose_placement
-from vfm_sdm.networks.found import ChunkTracks
+from vfm_sdm.networks.interface import ChunkTracks
 from vfm_sdm.networks.vggt import tracker
 from vfm_sdm.networks.vggt.config import VggtConfig
 from vfm_sdm.networks.vggt.inference import VggtInference

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from vfm_sdm.networks.found import ChunkTracks
+from vfm_sdm.networks.interface import ChunkTracks
 
 
 def numbered(index, shape=(140, 140)):
@@ -31,6 +31,8 @@ class KnownMotion:
     number
         From a patch (height, width, 3) to its frame number.
     """
+
+    precision = "float32"
 
     def __init__(self, motion, *, bias=None, visibility=None, confidence=1.0, fits=None, plan=None, number=None):
         self.motion, self.bias, self.fits, self.plan = motion, bias, fits, plan

@@ -8,6 +8,7 @@ __all__ = [
     "BackendUnavailableError",
     "CameraError",
     "DatasetError",
+    "DeviceMemoryError",
     "ResultsError",
     "SessionError",
     "VfmSdmError",
@@ -41,3 +42,7 @@ class ResultsError(VfmSdmError, OSError):
 
 class BackendUnavailableError(VfmSdmError, ImportError):
     """A named back end is unknown or cannot run here (package, weights or device missing)."""
+
+
+class DeviceMemoryError(BackendUnavailableError, MemoryError):
+    """A network does not fit the memory of its device."""

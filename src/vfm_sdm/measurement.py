@@ -105,10 +105,7 @@ class Run:
         BackendUnavailableError
             One of them is unknown or cannot run here.
         """
-        estimator_of(self.session.method)
-        tracker_of(self.session.method)
-        if self.session.method.correspondence == "vggt":
-            find_tracker("vggt", network=self.session.method.network)
+        self._weights()
 
     @property
     def videos(self) -> dict[str, Video]:
@@ -160,7 +157,7 @@ class Run:
             if all(t.attrs.get("key") == key for t in tracks.values()) and list(tracks) == list(self.videos):
                 self.reused.append("tracking")
                 return tracks
-        tracker = tracker_of(self.session.method)
+        tracker = tracker_of(self.session.resolved_method)
         with self._timed("tracking"):
             tracks = track_views(self.videos, cameras.points, tracker, progress=self.progress)
         for view, video in self.videos.items():
@@ -246,11 +243,19 @@ class Run:
         pixels = video.info.width * video.info.height * max(video.report.frames, 1)
         return float("nan") if source is None else 8 * self.session.resolve(source).stat().st_size / pixels
 
+    def _weights(self) -> list[str]:
+        """Which weights the method's networks have."""
+        method = self.session.resolved_method
+        parts: list[object] = [estimator_of(method), tracker_of(method)]
+        if method.correspondence == "vggt":
+            parts.append(find_tracker("vggt", network=method.network))
+        return [str(part.weights_id) for part in parts if hasattr(part, "weights_id")]
+
     def _key(self, *parts: str, extra: str = "") -> str:
-        """Hash of those parts of the session, and of the input files, that a stage depends on."""
+        """Hash of those parts of the session, of the input files and of networks' weights that a stage depends on."""
         fields = self.session.model_dump(mode="json")
         chosen = {part: _dig(fields, part) for part in parts}
-        text = json.dumps([chosen, self.input_hashes, extra, version("vfm-sdm")], sort_keys=True)
+        text = json.dumps([chosen, self.input_hashes, self._weights(), extra, version("vfm-sdm")], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def _path(self, name: str) -> Path | None:

@@ -78,7 +78,7 @@ def solve_cameras(session: Session, frames: Mapping[str, LumaArray]) -> CameraSo
         return CameraSolution(
             None, None, None, named_here, {view: {p.name: OK for p in session.point}}, status=ONE_VIEW
         )
-    estimate = estimator_of(session.method).estimate(session, frames)
+    estimate = estimator_of(session.resolved_method).estimate(session, frames)
     if estimate.rig is None:
         named = {
             view: {p.name: (p.pixel if p.view == view else (np.nan, np.nan)) for p in session.point} for view in frames

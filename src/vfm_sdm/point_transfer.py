@@ -124,7 +124,7 @@ def _located_by_network(session: Session, views: Sequence[str]) -> dict[str, dic
     located: dict[str, dict[str, FloatArray]] = {p.name: {} for p in session.point}
     if session.method.correspondence != "vggt":
         return located
-    network = VggtTracker(network=session.method.network).inference
+    network = VggtTracker(network=session.resolved_method.network).inference
     colors = first_color_frames(session)
     for source, target in permutations(views, 2):
         named = [p for p in session.point if p.view == source]

@@ -161,7 +161,9 @@ def test_image_based_estimators_hand_on_their_matches(name, estimates):
 
 def test_is_deterministic(name, room, folder):
     rig, frames = room
-    first, second = (estimator_for(name, folder).estimate(session_for(name, folder, rig), frames) for _ in range(2))
+    first, second = (
+        estimator_for(name, folder, room).estimate(session_for(name, folder, rig), frames) for _ in range(2)
+    )
     assert first.status == second.status == "ok"
     for a, b in zip(first.rig.cameras, second.rig.cameras, strict=True):
         # To rounding: where an array lies in memory decides the order in which a matrix product is summed.

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from vfm_sdm.arrays import FloatArray
-from vfm_sdm.networks.found import RgbFrames
+from vfm_sdm.networks.interface import RgbFrames
 from vfm_sdm.video import Region, RgbArray
 
 __all__ = ["NetworkCanvas", "network_view"]

@@ -12,7 +12,9 @@ from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.session import Session, View, lens_from_exif
 
-__all__ = ["CameraPriors", "read_priors"]
+__all__ = ["CONTRADICTION", "CameraPriors", "read_priors"]
+
+CONTRADICTION = "focal lengths contradict what is known of the lenses"
 
 _UNKNOWN_FOCAL = 1.2
 """Focal length over the longer image side where nothing is known: a normal lens. Only a place to start from; its
@@ -46,6 +48,8 @@ class CameraPriors:
         Measured distance of the first two views [m].
     notes
         Sentences for the summary where something had to be assumed.
+    status
+        ``ok``, or the name of a contradiction.
     """
 
     names: tuple[str, ...]
@@ -53,9 +57,10 @@ class CameraPriors:
     intrinsics_std: FloatArray
     baseline_m: float
     notes: tuple[str, ...]
+    status: str = "ok"
 
     def fused(self, focal_px: FloatArray, *, relative_std: float, source: str) -> "CameraPriors":
-        """The same with focal lengths that also know what was found otherwise.
+        """The same with focal lengths that also know what was found otherwise, where the two do not contradict.
 
         Parameters
         ----------
@@ -69,9 +74,10 @@ class CameraPriors:
         Notes
         -----
         Mean of the logarithms, weighted by their precisions. A focal length that changes takes the standard deviation
-        of the distortion along, which stays what it is at the image's corner.
+        of the distortion along, which stays what it is at the image's corner. Beyond three standard deviations one of
+        the two is wrong, and a mean would be, too: what the session says stands, and the status names it.
         """
-        cameras, stds, notes = [], self.intrinsics_std.copy(), list(self.notes)
+        cameras, stds, notes, status = [], self.intrinsics_std.copy(), list(self.notes), self.status
         for name, camera, std, found in zip(self.names, self.cameras, stds, focal_px, strict=True):
             off_u, off_v = np.log(found / np.diag(camera.K)[:2])
             off, joint = (off_u + off_v) / 2, np.hypot(std[0], relative_std)
@@ -79,11 +85,14 @@ class CameraPriors:
                 notes.append(f"view {name!r}: {source} gives two focal lengths, {found[0]:.0f} and {found[1]:.0f} px")
             if abs(off) > _CONTRADICTION_STD * joint:
                 notes.append(f"view {name!r}: {source}'s focal length is {np.expm1(off):+.0%} off what was known of it")
+                status = CONTRADICTION
+                cameras.append(camera)
+                continue
             step = off * (std[0] / joint) ** 2
             cameras.append(camera.perturbed([step, *[0.0] * 9]))
             std[0] *= relative_std / joint
             std[3] *= np.exp(2 * step)
-        return replace(self, cameras=tuple(cameras), intrinsics_std=stds, notes=tuple(notes))
+        return replace(self, cameras=tuple(cameras), intrinsics_std=stds, notes=tuple(notes), status=status)
 
     def metric_rig(
         self,

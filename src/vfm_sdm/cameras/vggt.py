@@ -13,9 +13,9 @@ from vfm_sdm.cameras.network_view import network_view
 from vfm_sdm.cameras.priors import read_priors
 from vfm_sdm.cameras.two_view import relate_to_first
 from vfm_sdm.geometry.camera import Rig
-from vfm_sdm.networks.availability import default_checkpoint, require_torch
+from vfm_sdm.networks.availability import choose_weights, require_torch
 from vfm_sdm.networks.vggt.pose import decode_pose
-from vfm_sdm.networks.weights import find_weights
+from vfm_sdm.networks.weights import weights_id
 from vfm_sdm.session import Network, Session, first_color_frames
 
 if TYPE_CHECKING:
@@ -55,15 +55,16 @@ class VggtCameras:
     def __init__(self, *, network: Network | None = None) -> None:
         require_torch("cameras vggt")
         self.network = network or Network()
-        self.weights = find_weights(self.network.weights or default_checkpoint("cameras", self.name))
+        self.weights = choose_weights("cameras", self.name, self.network.weights)
+        self.weights_id = weights_id(self.weights)
 
     @cached_property
     def inference(self) -> "VggtInference":
         """The network, loaded when it is first used."""
         from vfm_sdm.networks.vggt.inference import VggtInference  # noqa: PLC0415  (PyTorch is optional)
 
-        device, precision = self.network.device, self.network.precision
-        return VggtInference.load(str(self.weights), device=device, precision=precision, camera=True)
+        where = self.network
+        return VggtInference.load(str(self.weights), device=where.device, precision=where.precision, camera=True)
 
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
         """Rig with the tape's baseline, prior covariance, and matches that agree with a pose; views in any number.
@@ -96,4 +97,6 @@ class VggtCameras:
         rig = priors.metric_rig(rig.cameras, rotation_std_rad=_ROTATION_STD_RAD, position_std=_POSITION_STD)
         related = list(relate_to_first(frames, priors.cameras))
         matches = tuple(view.matches for view in related if not view.fault)
-        return CameraEstimate(rig, matches, "ok", (*priors.notes, *(view.fault for view in related if view.fault)))
+        return CameraEstimate(
+            rig, matches, priors.status, (*priors.notes, *(view.fault for view in related if view.fault))
+        )

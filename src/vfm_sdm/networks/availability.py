@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Literal
 
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.networks.weights import local_weights, weights_folder
+from vfm_sdm.networks.checkpoints import CHECKPOINTS
+from vfm_sdm.networks.weights import find_weights, local_weights, weights_folder
 
-__all__ = ["BACKEND_NEEDS", "Kind", "Needs", "default_checkpoint", "require_torch", "why_unavailable"]
+__all__ = ["BACKEND_NEEDS", "Kind", "Needs", "choose_weights", "default_checkpoint", "require_torch", "why_unavailable"]
 
 Kind = Literal["tracker", "cameras"]
 
@@ -67,6 +69,28 @@ def why_unavailable(kind: Kind, name: str) -> str | None:
                 f"run `vfm-sdm weights fetch {needs.checkpoints[0]}`"
             )
     return None
+
+
+def choose_weights(kind: Kind, name: str, wanted: str | None) -> Path:
+    """The file of weights that a back end runs with.
+
+    Parameters
+    ----------
+    kind, name
+        As in `why_unavailable`.
+    wanted
+        Name of a checkpoint or a file, for all networks of a session. A checkpoint of another network says nothing
+        here; then, and when ``None``, the back end takes its own (`default_checkpoint`).
+
+    Raises
+    ------
+    BackendUnavailableError
+        The weights are not here.
+    """
+    own = default_checkpoint(kind, name)
+    if wanted is None or (wanted in CHECKPOINTS and CHECKPOINTS[wanted].network != CHECKPOINTS[own].network):
+        return find_weights(own)
+    return find_weights(wanted)
 
 
 def default_checkpoint(kind: Kind, name: str) -> str:

@@ -1,19 +1,17 @@
 """Where and how precisely a network runs, and how many frames fit the memory that is free there."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
 
 import torch
 from torch.nn.attention import SDPBackend, sdpa_kernel
 
-from vfm_sdm.errors import BackendUnavailableError
+from vfm_sdm.errors import BackendUnavailableError, DeviceMemoryError
+from vfm_sdm.networks.interface import Precision
 
 __all__ = ["Placement", "choose_placement"]
-
-Precision = Literal["auto", "float32", "bfloat16"]
 
 _ATTENTION = [
     SDPBackend.CUDNN_ATTENTION,
@@ -24,7 +22,8 @@ _ATTENTION = [
 """Kernels of attention, the fastest on recent GPUs first; PyTorch takes the first that can do it."""
 _USABLE = 0.8
 """Share of the free memory that is planned with; the rest is for what fragmentation and others take."""
-_NO_MEMORY = ("out of memory", "can't allocate memory", "not enough memory")
+_NO_MEMORY = ("out of memory", "can't allocate memory", "not enough memory", "ALLOC_FAILED")
+_MEMINFO = Path("/proc/meminfo")
 
 
 @dataclass(frozen=True)
@@ -49,27 +48,40 @@ class Placement:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Inference on this device; memory that runs out raises `MemoryError`."""
+        """Inference on this device.
+
+        Raises
+        ------
+        DeviceMemoryError
+            What runs does not fit.
+
+        Notes
+        -----
+        In float32, convolutions are not rounded to the 10 bits of TF32 either, which PyTorch does by default.
+        """
         autocast = torch.autocast(self.device.type, torch.bfloat16) if self.reduced else nullcontext()
+        convolutions = torch.backends.cudnn.flags(enabled=True, allow_tf32=self.reduced)
         try:
-            with torch.inference_mode(), autocast, sdpa_kernel(_ATTENTION, set_priority=True):
+            with torch.inference_mode(), autocast, convolutions, sdpa_kernel(_ATTENTION, set_priority=True):
                 yield
         except RuntimeError as error:  # PyTorch's own for GPUs is one, too
             if not any(words in str(error) for words in _NO_MEMORY):
                 raise
-            if self.device.type == "cuda":
-                torch.cuda.empty_cache()
-            raise MemoryError(str(error).partition("\n")[0]) from error
+            raise DeviceMemoryError(
+                f"device {self.device}: expected room for the network, got {str(error).splitlines()[0][:120]!r}; close "
+                "other programs on it, or set another device under [method.network]"
+            ) from error
 
     def free_bytes(self) -> int | None:
         """Memory that can be planned with; ``None`` where the system does not tell."""
         if self.device.type == "cuda":
             held = torch.cuda.memory_reserved(self.device) - torch.cuda.memory_allocated(self.device)
             return int(_USABLE * (torch.cuda.mem_get_info(self.device)[0] + held))
-        try:
-            return int(_USABLE * os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-        except (AttributeError, ValueError, OSError):
+        if self.device.type != "cpu" or not _MEMINFO.is_file():
             return None
+        # Not what is unused: files that were read, such as the weights, lie in memory that can be had at once.
+        lines = dict(line.split(":", 1) for line in _MEMINFO.read_text(encoding="ascii").splitlines())
+        return int(_USABLE * 1024 * int(lines["MemAvailable"].split()[0]))
 
 
 def choose_placement(device: str = "auto", precision: Precision = "auto") -> Placement:
@@ -90,12 +102,13 @@ def choose_placement(device: str = "auto", precision: Precision = "auto") -> Pla
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
     try:
-        chosen = torch.device(device)
+        chosen = torch.device("" if device == "meta" else device)
         torch.empty(0, device=chosen)
     except (RuntimeError, AssertionError) as error:
         raise BackendUnavailableError(
             f"device: expected one that PyTorch can use here, got {device!r}; "
             'set device = "cpu", or install a build of PyTorch for it'
         ) from error
-    has_bfloat16 = chosen.type == "cuda" and torch.cuda.is_bf16_supported()
+    # Older GPUs emulate it, at a loss.
+    has_bfloat16 = chosen.type == "cuda" and torch.cuda.get_device_capability(chosen) >= (8, 0)
     return Placement(chosen, precision == "bfloat16" or (precision == "auto" and has_bfloat16))

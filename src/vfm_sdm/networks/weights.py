@@ -99,7 +99,7 @@ def is_licence_accepted(name: str) -> bool:
 def fetch_weights(
     name: str, *, accept_licence: bool = False, token: str | None = None, progress: Progress | None = None
 ) -> Path:
-    """Downloads a registered checkpoint unless it is already here.
+    """Downloads a registered checkpoint unless it is already here and of its size.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def fetch_weights(
     """
     checkpoint = _checkpoint(name)
     target = local_weights(name)
-    if target.is_file():
+    if target.is_file() and _has_size(checkpoint, target):
         return target
     if accept_licence:
         _remember(_LICENCES, name, {"licence": checkpoint.licence, "accepted": datetime.now(UTC)})
@@ -194,9 +194,13 @@ def _check_space(checkpoint: Checkpoint, folder: Path) -> None:
         )
 
 
+def _has_size(checkpoint: Checkpoint, file: Path) -> bool:
+    return abs(file.stat().st_size - checkpoint.size_bytes) <= _SIZE_TOLERANCE * checkpoint.size_bytes
+
+
 def _check_size(checkpoint: Checkpoint, file: Path) -> None:
     found = file.stat().st_size
-    if abs(found - checkpoint.size_bytes) > _SIZE_TOLERANCE * checkpoint.size_bytes:
+    if not _has_size(checkpoint, file):
         raise BackendUnavailableError(
             f"weights {checkpoint.name}: expected about {checkpoint.size_bytes} bytes, got {found}; fetch it again, "
             f"and if the size stays, {checkpoint.page} now holds another file"

@@ -22,6 +22,7 @@ from pydantic import (
 )
 
 from vfm_sdm.errors import SessionError
+from vfm_sdm.networks.interface import Precision
 from vfm_sdm.session.faults import cross_faults, field_faults
 from vfm_sdm.session.site import Entry, Level, Name, Number, Positive, Site
 
@@ -199,8 +200,8 @@ class Network(Entry):
     takes small chunks that all begin with the reference frame."""
     device: Name = "auto"
     """Where it runs, in PyTorch's words; a GPU where there is one."""
-    precision: Literal["auto", "float32", "bfloat16"] = "auto"
-    """Of matrix products; bfloat16 on GPUs by default."""
+    precision: Precision = "auto"
+    """Of VGGT's matrix products; bfloat16 on GPUs by default. TAPIR always runs in float32."""
 
 
 class Sfm(Entry):
@@ -282,6 +283,17 @@ class Session(Entry):
         if view.start is not None and first is not None:
             return (view.start - first).total_seconds()
         return view.time_offset_s
+
+    @property
+    def resolved_method(self) -> Method:
+        """The method with paths as seen from here: a relative one starts at the session's folder."""
+        network, sfm = self.method.network, self.method.sfm
+        # Names of checkpoints have no suffix, and a name of the matcher's hub is no folder.
+        if network.weights and Path(network.weights).suffix:
+            network = network.model_copy(update={"weights": str(self.resolve(Path(network.weights).expanduser()))})
+        if sfm.model and self.resolve(sfm.model).is_dir():
+            sfm = sfm.model_copy(update={"model": str(self.resolve(sfm.model))})
+        return self.method.model_copy(update={"network": network, "sfm": sfm})
 
     def resolve(self, path: Path | str) -> Path:
         """The path as seen from here: a relative one starts at the session's folder."""

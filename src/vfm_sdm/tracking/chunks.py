@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vfm_sdm.arrays import FloatArray, mean_of_known
-from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.networks.found import SEEN, ChunkNetwork, ChunkTracks, RgbFrames
+from vfm_sdm.errors import DeviceMemoryError
+from vfm_sdm.networks.interface import SEEN, ChunkNetwork, ChunkTracks
+from vfm_sdm.video import RgbArray
 
 __all__ = ["ChunkPlan", "ChunkStitcher"]
 
@@ -65,11 +66,11 @@ class ChunkStitcher:
     def __init__(self, network: ChunkNetwork, plan: ChunkPlan, queries: FloatArray) -> None:
         self._network, self.plan = network, plan
         self._queries = self._start = queries
-        self._waiting: list[RgbFrames] = []
+        self._waiting: list[RgbArray] = []
         self._done: list[ChunkTracks] = []
         self._shared = 1  # of the waiting frames, those whose tracks are known: the last part of what is done
 
-    def feed(self, patch: RgbFrames) -> None:
+    def feed(self, patch: RgbArray) -> None:
         """The next patch, shape (height, width, 3)."""
         if not self._done:
             known = np.ones((1, len(self._queries)))
@@ -93,9 +94,9 @@ class ChunkStitcher:
             found = self._network.follow(np.stack(chunk), self._start)
         except MemoryError as error:
             if len(chunk) <= _LEAST_FRAMES:
-                raise BackendUnavailableError(
+                raise DeviceMemoryError(
                     f"memory: expected room for {len(chunk)} frames of {chunk[0].shape[1]} x {chunk[0].shape[0]} px, "
-                    'got less; close other programs on the device, or set device = "cpu" under [method.network]'
+                    "got less; close other programs on the device, or set another device under [method.network]"
                 ) from error
             self.plan = self.plan.within(len(chunk) // 2)
             if not self.plan.anchored:

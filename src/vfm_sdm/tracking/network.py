@@ -12,14 +12,14 @@ import xarray as xr
 from vfm_sdm.arrays import FloatArray, IntArray
 from vfm_sdm.datasets import Status, make_tracks
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.networks.availability import default_checkpoint, require_torch
-from vfm_sdm.networks.found import SEEN, ChunkNetwork, ChunkTracks, PlacedNetwork, RgbFrames
-from vfm_sdm.networks.weights import find_weights, weights_id
+from vfm_sdm.networks.availability import choose_weights, require_torch
+from vfm_sdm.networks.interface import SEEN, ChunkNetwork, ChunkTracks
+from vfm_sdm.networks.weights import weights_id
 from vfm_sdm.session import Network
 from vfm_sdm.tracking.chunks import ChunkPlan, ChunkStitcher
 from vfm_sdm.tracking.inputs import check_points
 from vfm_sdm.tracking.patches import Patch, plan_patches
-from vfm_sdm.video import Video
+from vfm_sdm.video import RgbArray, Video
 
 __all__ = ["NetworkPreset", "NetworkTracker", "follow_with_network"]
 
@@ -54,7 +54,7 @@ class NetworkPreset:
     least_px: int
     canvas: tuple[int, int] | None = None
 
-    def picture(self, patch: RgbFrames) -> RgbFrames:
+    def picture(self, patch: RgbArray) -> RgbArray:
         """What the network is given for a patch (height, width, 3)."""
         if self.canvas is None:
             return patch
@@ -81,7 +81,12 @@ class NetworkTracker(ABC):
     def __init__(self, *, network: Network | None = None) -> None:
         require_torch(f"tracker {self.name}")
         self.settings = network or Network()
-        self.weights = find_weights(self.settings.weights or default_checkpoint("tracker", self.name))
+        self.weights = choose_weights("tracker", self.name, self.settings.weights)
+
+    @property
+    def weights_id(self) -> str:
+        """Which weights these are, for datasets and for what may be reused."""
+        return weights_id(self.weights)
 
     @property
     @abstractmethod
@@ -89,11 +94,11 @@ class NetworkTracker(ABC):
         """How the network sees a recording."""
 
     @abstractmethod
-    def load(self) -> PlacedNetwork:
+    def load(self) -> ChunkNetwork:
         """The network with its weights on its device."""
 
     @cached_property
-    def inference(self) -> PlacedNetwork:
+    def inference(self) -> ChunkNetwork:
         """The network, loaded when it is first used."""
         return self.load()
 
@@ -119,7 +124,7 @@ class NetworkTracker(ABC):
         return tracks.assign_attrs(
             tracker=self.name,
             preset=self.preset.name,
-            weights=weights_id(self.weights),
+            weights=self.weights_id,
             precision=self.inference.precision,
         )
 
@@ -158,6 +163,8 @@ def follow_with_network(
     left its patch; ``unreliable`` below half the confidence.
     """
     points = check_points(points2d, names, video)
+    if reference_frame < 0:
+        raise DatasetError(f"reference_frame: expected 0 or more, got {reference_frame}; count frames from the first")
     image_size = (video.info.width, video.info.height)
     patches = plan_patches(
         points, image_size, side_px=preset.side_px, multiple=preset.multiple, least_px=preset.least_px
@@ -170,9 +177,10 @@ def follow_with_network(
             follower.feed(frame.color(follower.patch.region), before=frame.index < reference_frame)
         if progress is not None:
             progress(len(time_s))
-    if not 0 <= reference_frame < len(time_s):
+    if reference_frame >= len(time_s):
         raise DatasetError(
-            f"reference_frame: expected 0 to {len(time_s) - 1}, got {reference_frame}; name a frame of the video"
+            f"reference_frame: expected a frame {reference_frame}, got a video of {len(time_s)} frames; "
+            "name an earlier one"
         )
     position = np.full((len(time_s), len(points), 2), np.nan)
     status = np.full((len(time_s), len(points)), int(Status.LOST))
@@ -200,35 +208,33 @@ class _Follower:
     preset: NetworkPreset
     patch: Patch
     points: FloatArray
-    _before: list[RgbFrames] = field(default_factory=list)
-    _reference: RgbFrames | None = None
+    _before: list[RgbArray] = field(default_factory=list)
     _onward: ChunkStitcher | None = None
+    _back: ChunkStitcher | None = None
 
     @property
     def chunk_frames(self) -> int:
         """Frames of a chunk, as far as memory allowed."""
-        return self.preset.plan.frames if self._onward is None else self._onward.plan.frames
+        plans = [stitcher.plan for stitcher in (self._onward, self._back) if stitcher is not None]
+        return min((plan.frames for plan in plans), default=self.preset.plan.frames)
 
-    def feed(self, patch: RgbFrames, *, before: bool) -> None:
+    def feed(self, patch: RgbArray, *, before: bool) -> None:
+        """The next patch, before the reference frame or from there on."""
         picture = self.preset.picture(patch)
         if before:
             self._before.append(picture)
             return
         if self._onward is None:
-            self._reference, self._onward = picture, self._stitcher()
+            self._onward, self._back = self._stitcher(), self._stitcher()
+            for earlier in (picture, *reversed(self._before)):
+                self._back.feed(earlier)
+            self._before.clear()
         self._onward.feed(picture)
 
     def finish(self) -> ChunkTracks:
-        """Tracks of all frames in pixels of the patch."""
-        if self._onward is None or self._reference is None:
-            raise DatasetError("reference_frame: expected one of the video's frames, got none; name an earlier one")
-        onward = self._onward.finish()
-        if not self._before:
-            return onward
-        back = self._stitcher()
-        for picture in [self._reference, *reversed(self._before)]:
-            back.feed(picture)
-        return ChunkTracks.joined(back.finish()[:0:-1], onward)
+        """Tracks of all frames in pixels of the patch, once the reference frame was among them."""
+        parts = [s.finish() for s in (self._back, self._onward) if s is not None]
+        return ChunkTracks.joined(parts[0][:0:-1], parts[1])
 
     def _stitcher(self) -> ChunkStitcher:
         return ChunkStitcher(self.network, self.preset.plan, self.patch.region.from_full(self.points))

@@ -4,7 +4,7 @@ import numpy as np
 
 from vfm_sdm.arrays import FloatArray
 from vfm_sdm.cameras.network_view import network_view
-from vfm_sdm.networks.found import SEEN, ChunkNetwork, RgbFrames
+from vfm_sdm.networks.interface import SEEN, ChunkNetwork, RgbFrames
 from vfm_sdm.video import Region, RgbArray
 
 __all__ = ["locate_points"]

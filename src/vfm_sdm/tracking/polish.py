@@ -54,6 +54,11 @@ class PolishedTracker:
         self.polisher = IcgnTracker(subset_px=subset_px)
         self.agreement_px = agreement_px
 
+    @property
+    def weights_id(self) -> str:
+        """Which weights the follower has."""
+        return str(getattr(self.follower, "weights_id", ""))
+
     def track(
         self,
         video: Video,

@@ -1,6 +1,6 @@
 """BootsTAPIR as a tracker: the paper's second one (its table of point tracking strategies)."""
 
-from vfm_sdm.networks.found import PlacedNetwork
+from vfm_sdm.networks.interface import ChunkNetwork
 from vfm_sdm.tracking.chunks import ChunkPlan
 from vfm_sdm.tracking.network import NetworkPreset, NetworkTracker
 
@@ -12,7 +12,7 @@ reference frame, whose features are looked for in every other frame: nothing dri
 
 
 class TapirTracker(NetworkTracker):
-    """Tracker ``tapir``: the settings' preset says nothing to it; whether weights are causal is told by their name."""
+    """Tracker ``tapir``: preset and precision say nothing to it; whether weights are causal is told by their name."""
 
     name = "tapir"
 
@@ -21,9 +21,8 @@ class TapirTracker(NetworkTracker):
         """The only one."""
         return PRESET
 
-    def load(self) -> PlacedNetwork:
+    def load(self) -> ChunkNetwork:
         """The network."""
         from vfm_sdm.networks.tapir.inference import TapirInference  # noqa: PLC0415  (PyTorch is optional)
 
-        settings = self.settings
-        return TapirInference.load(str(self.weights), device=settings.device, precision=settings.precision)
+        return TapirInference.load(str(self.weights), device=self.settings.device)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.networks.found import PlacedNetwork
+from vfm_sdm.networks.interface import ChunkNetwork
 from vfm_sdm.session import Network
 from vfm_sdm.tracking.chunks import ChunkPlan
 from vfm_sdm.tracking.network import NetworkPreset, NetworkTracker
@@ -59,7 +59,7 @@ class VggtTracker(NetworkTracker):
         """The one that the settings name."""
         return PRESETS[self.settings.preset]
 
-    def load(self) -> PlacedNetwork:
+    def load(self) -> ChunkNetwork:
         """The network without its camera head."""
         from vfm_sdm.networks.vggt.inference import VggtInference  # noqa: PLC0415  (PyTorch is optional)
 

@@ -98,5 +98,7 @@ def test_memory_that_is_planned_with_is_not_exceeded():
 
 
 def test_no_memory_at_all_is_one_line():
-    with pytest.raises(BackendUnavailableError, match=r"expected room for 8 frames of 140 x 140 px.*device = \"cpu\""):
+    with pytest.raises(
+        BackendUnavailableError, match=r"expected room for 8 frames of 140 x 140 px.*set another device"
+    ):
         stitch(KnownMotion(swaying, fits=4), ANCHORED, 30)

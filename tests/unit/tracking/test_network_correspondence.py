@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vfm_sdm.networks.found import ChunkTracks
+from vfm_sdm.networks.interface import ChunkTracks
 from vfm_sdm.tracking.network_correspondence import locate_points
 
 FIRST, SECOND = (600, 960), (480, 640)

@@ -139,9 +139,9 @@ def test_nonsense_from_a_network_is_lost():
 
 
 def test_a_reference_frame_that_is_not_there_is_refused():
-    with pytest.raises(DatasetError, match="expected 0 to 34, got 35"):
+    with pytest.raises(DatasetError, match="expected a frame 35, got a video of 35 frames"):
         follow(known(), reference_frame=35)
-    with pytest.raises(DatasetError, match="expected 0 to 34, got -1"):
+    with pytest.raises(DatasetError, match="expected 0 or more, got -1"):
         follow(known(), reference_frame=-1)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 
 from vfm_sdm.arrays import FloatArray
-from vfm_sdm.networks.device import Placement, Precision, choose_placement
-from vfm_sdm.networks.found import ChunkTracks, RgbFrames
+from vfm_sdm.networks.device import Placement, choose_placement
+from vfm_sdm.networks.interface import ChunkTracks, RgbFrames
 from vfm_sdm.networks.loading import load_weights
 from vfm_sdm.networks.tapir.config import TapirConfig
 from vfm_sdm.networks.tapir.model import Tapir
@@ -35,17 +35,24 @@ class TapirInference:
     Parameters
     ----------
     network
-        With its weights.
+        With its weights; it is moved to the device.
     placement
-        Where and how it runs.
+        Where it runs, in float32: its soft arg-max weighs cells by their distance from the corner, of which reduced
+        precision would leave half a pixel.
+
+    Raises
+    ------
+    DeviceMemoryError
+        The device has no room for the weights.
     """
 
     def __init__(self, network: Tapir, placement: Placement) -> None:
         self.placement = placement
-        self.network = network.eval().to(placement.device)
+        with placement.running(), torch.inference_mode(False):
+            self.network = network.eval().to(placement.device)
 
     @classmethod
-    def load(cls, weights: str, *, device: str = "auto", precision: Precision = "auto") -> Self:
+    def load(cls, weights: str, *, device: str = "auto") -> Self:
         """The published network.
 
         Raises
@@ -53,8 +60,7 @@ class TapirInference:
         BackendUnavailableError
             The weights are not here or are others, or there is no such device.
         """
-        # It is small: reduced precision would cost accuracy and save little, so only who asks for it gets it.
-        placement = choose_placement(device, "float32" if precision == "auto" else precision)
+        placement = choose_placement(device, "float32")
         with torch.device("meta"):
             network = Tapir(config_of(weights))
         load_weights(network, weights, dtype=torch.float32)
@@ -74,7 +80,7 @@ class TapirInference:
         ------
         DatasetError
             The frames have another shape.
-        MemoryError
+        DeviceMemoryError
             They do not fit.
         """
         with self.placement.running():
@@ -82,12 +88,12 @@ class TapirInference:
             places = torch.as_tensor(queries + _CORNER, dtype=torch.float32, device=self.placement.device)
             asked = torch.cat([torch.zeros_like(places[:, :1]), places.flip(1)], dim=1)
             found = self.network.track(pixels.float() / 255 * 2 - 1, asked)
-            position = found.tracks.transpose(0, 1).double().cpu().numpy() - _CORNER
-            seen, sure = (
-                torch.sigmoid(-logits.float()).T.double().cpu().numpy()
-                for logits in (found.occlusion, found.expected_dist)
+            position = found.tracks.transpose(0, 1).cpu().double().numpy() - _CORNER
+            seen, near = (
+                torch.sigmoid(-logits).T.cpu().double().numpy() for logits in (found.occlusion, found.expected_dist)
             )
-            return ChunkTracks(position, seen, sure)
+            # The published rule: seen and near at once with more than even odds.
+            return ChunkTracks(position, seen, seen * near)
 
     @property
     def precision(self) -> str:

@@ -69,7 +69,9 @@ class Aggregator(nn.Module):
             across = self.global_blocks[layer](within.reshape(1, frames * count, width), rotary)
             tokens = across.reshape(frames, count, width)
             if layer in keep:
-                kept[layer] = torch.cat([within.to(keep_dtype), tokens.to(keep_dtype)], dim=-1)
+                dtype = keep_dtype or tokens.dtype
+                kept[layer] = torch.cat([within.to(dtype), tokens.to(dtype)], dim=-1)
+            del within, across  # half a gigabyte that the next layer has no use for
         return kept
 
     def _first_tokens(self, images: Tensor) -> Tensor:

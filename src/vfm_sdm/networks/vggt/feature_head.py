@@ -53,7 +53,9 @@ class FeatureHead(nn.Module):
         # Never in reduced precision: positions are read off these maps to a fraction of a cell.
         height, width = image_size
         dtype = self.norm.weight.dtype
-        found = layers[0].new_empty((len(layers[0]), self.config.features, height // 2, width // 2), dtype=dtype)
+        shape = (len(layers[0]), self.config.features, height // 2, width // 2)
+        # Channels last in memory, as the tracker reads them: another order would be copied.
+        found = torch.empty(shape, dtype=dtype, device=layers[0].device, memory_format=torch.channels_last)
         with torch.autocast(found.device.type, enabled=False):
             for start in range(0, len(found), _FRAMES):
                 few = slice(start, start + _FRAMES)

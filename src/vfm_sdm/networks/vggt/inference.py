@@ -7,8 +7,8 @@ import torch
 from torch import nn
 
 from vfm_sdm.arrays import FloatArray
-from vfm_sdm.networks.device import Placement, Precision, choose_placement
-from vfm_sdm.networks.found import ChunkTracks, RgbFrames
+from vfm_sdm.networks.device import Placement, choose_placement
+from vfm_sdm.networks.interface import ChunkTracks, Precision, RgbFrames
 from vfm_sdm.networks.loading import load_weights
 from vfm_sdm.networks.vggt.model import Vggt
 
@@ -26,16 +26,22 @@ class VggtInference:
     Parameters
     ----------
     network
-        With its weights.
+        With its weights; it is moved to the device, and its matrices are rounded there if the placement says so.
     placement
         Where and how it runs.
+
+    Raises
+    ------
+    DeviceMemoryError
+        The device has no room for the weights.
     """
 
     def __init__(self, network: Vggt, placement: Placement) -> None:
         self.placement = placement
         if placement.reduced:
             _reduce(network.aggregator)
-        self.network = network.eval().to(placement.device)
+        with placement.running(), torch.inference_mode(False):
+            self.network = network.eval().to(placement.device)
 
     @classmethod
     def load(
@@ -67,11 +73,11 @@ class VggtInference:
         ------
         DatasetError
             The images' sides are not multiples of a patch.
-        MemoryError
+        DeviceMemoryError
             They do not fit.
         """
         with self.placement.running():
-            return self.network.estimate_poses(self._tensor(images))[-1].double().cpu().numpy()
+            return self.network.estimate_poses(self._tensor(images))[-1].cpu().double().numpy()
 
     def follow(self, frames: RgbFrames, queries: FloatArray) -> ChunkTracks:
         """Points of the first frame followed through all, each as if alone, after one pass through the backbone.
@@ -87,7 +93,7 @@ class VggtInference:
         ------
         DatasetError
             The frames' sides are not multiples of a patch, or too short.
-        MemoryError
+        DeviceMemoryError
             They do not fit.
         """
         with self.placement.running():
@@ -95,7 +101,7 @@ class VggtInference:
             # Groups of one: points of one group would see each other.
             tracks = self.network.track(self._tensor(frames), points[:, None])
             found = (tracks.positions[-1], tracks.visibility, tracks.confidence)
-            return ChunkTracks(*(part[:, 0].transpose(0, 1).double().cpu().numpy() for part in found))
+            return ChunkTracks(*(part[:, 0].transpose(0, 1).cpu().double().numpy() for part in found))
 
     @property
     def precision(self) -> str:

@@ -50,22 +50,24 @@ class SelfAttention(nn.Module):
         if self.normalize:
             query, key = self.q_norm(query), self.k_norm(key)
         if rotary is not None:
-            query, key = rotate(query, rotary), rotate(key, rotary)
+            # One after the other, so that only one of them is in memory twice.
+            query = rotate(query, rotary)
+            key = rotate(key, rotary)
         mixed = F.scaled_dot_product_attention(query.to(value.dtype), key.to(value.dtype), value)
         y: Tensor = self.proj(mixed.transpose(1, 2).flatten(2))
         return y
 
 
 class LayerScale(nn.Module):
-    """A learned factor a channel."""
+    """A branch added to what it branched off, by a learned factor a channel."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.gamma = nn.Parameter(torch.ones(channels))
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Shape (..., channels), scaled."""
-        return x * self.gamma
+    def forward(self, x: Tensor, branch: Tensor) -> Tensor:
+        """``x + gamma branch``, shapes (..., channels), in one pass over memory."""
+        return torch.addcmul(x, branch.to(x.dtype), self.gamma)
 
 
 class Block(nn.Module):
@@ -92,6 +94,6 @@ class Block(nn.Module):
 
     def forward(self, x: Tensor, rotary: RotaryTable | None = None) -> Tensor:
         """Tokens after the block."""
-        x = x + self.ls1(self.attn(self.norm1(x), rotary))
-        y: Tensor = x + self.ls2(self.mlp(self.norm2(x)))
+        x = self.ls1(x, self.attn(self.norm1(x), rotary))
+        y: Tensor = self.ls2(x, self.mlp(self.norm2(x)))
         return y

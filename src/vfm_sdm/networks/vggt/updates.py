@@ -67,7 +67,7 @@ class UpdateTransformer(nn.Module):
             others = self.space_virtual_blocks[level](others)
             own = self.space_point2virtual_blocks[level](own, others)
             tracks = torch.cat([own, others], dim=1).unflatten(0, (groups, frames)).transpose(1, 2)
-        # Corrections of a few pixels in reduced precision would be off by hundredths.
+        # A correction in reduced precision would itself be rounded, to a 256th of its size.
         with torch.autocast(x.device.type, enabled=False):
             y: Tensor = self.flow_head(self.output_norm((start + tracks[:, :points]).to(x.dtype)))
         return y

@@ -1,14 +1,17 @@
 """What networks take and yield, without PyTorch."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.arrays import FloatArray
 
-__all__ = ["SEEN", "ChunkNetwork", "ChunkTracks", "PlacedNetwork", "RgbFrames"]
+__all__ = ["SEEN", "ChunkNetwork", "ChunkTracks", "Precision", "RgbFrames"]
+
+Precision = Literal["auto", "float32", "bfloat16"]
+"""Of matrix products; ``auto`` is bfloat16 on GPUs that have it."""
 
 SEEN = 0.5
 """Visibility from which on a point counts as seen."""
@@ -47,21 +50,23 @@ class ChunkTracks:
 
 
 class ChunkNetwork(Protocol):
-    """A network that follows points through a few frames at a time."""
-
-    def follow(self, frames: RgbFrames, queries: FloatArray) -> ChunkTracks:
-        """Points of the first frame (N, 2) [px] followed through all; raises `MemoryError` where they do not fit."""
-        ...
-
-    def plan_frames(self, height: int, width: int) -> int | None:
-        """How many frames of this size fit the free memory; ``None`` where that is not known."""
-        ...
-
-
-class PlacedNetwork(ChunkNetwork, Protocol):
-    """The same on a device."""
+    """A network on its device that follows points through a few frames at a time."""
 
     @property
     def precision(self) -> str:
         """Of its matrix products: ``float32`` or ``bfloat16``."""
+        ...
+
+    def follow(self, frames: RgbFrames, queries: FloatArray) -> ChunkTracks:
+        """Points of the first frame (N, 2) [px] followed through all (S, H, W, 3).
+
+        Raises
+        ------
+        MemoryError
+            They do not fit.
+        """
+        ...
+
+    def plan_frames(self, height: int, width: int) -> int | None:
+        """How many frames of this size fit the free memory; ``None`` where that is not known."""
         ...
