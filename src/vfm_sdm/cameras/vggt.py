@@ -27,8 +27,7 @@ NOT_A_CAMERA = "VGGT gave no field of view or no rotation"
 ONE_PLACE = "VGGT put the first two cameras in one place"
 _FOCAL_STD, _ROTATION_STD_RAD, _POSITION_STD = 0.05, 0.035, 0.1
 """How far VGGT may be off: focal length (relative), rotation, position over the baseline. Assumptions; not measured."""
-_MIN_BASELINE = 1e-3
-"""In VGGT's unit, the mean distance of what it sees: half a pixel of its images."""
+_MIN_BASELINE = 1e-3  # in VGGT's unit, the mean distance of what it sees: half a pixel of its images
 
 
 class VggtCameras:
@@ -71,10 +70,8 @@ class VggtCameras:
 
         Parameters
         ----------
-        session
-            Lens priors and baseline; its recordings are opened for their colours.
-        frames
-            First frame of every view, in the session's order.
+        session, frames
+            As in `CameraEstimator`; the recordings are opened for their colours.
 
         Raises
         ------
