@@ -15,9 +15,8 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from vfm_sdm.networks.device import Placement
 from vfm_sdm.networks.vggt.config import VggtConfig
-from vfm_sdm.networks.vggt.inference import VggtInference
+from vfm_sdm.networks.vggt.inference import reduce_matrices
 from vfm_sdm.networks.vggt.model import Vggt
 from vfm_sdm.networks.vggt.rotary import rotary_table
 
@@ -138,8 +137,8 @@ def modelled_peak_gb(config: VggtConfig, frames: int, height: int, width: int) -
     What kernels take for themselves and what fragmentation wastes is not in it.
     """
     with torch.device("meta"):
-        placement = Placement(torch.device("meta"), reduced=True)
-        network = VggtInference(Vggt(config, camera=False), placement).network
+        network = Vggt(config, camera=False)
+        reduce_matrices(network.aggregator)
     shapes = {key: (value.shape, value.dtype) for key, value in network.state_dict().items()}
     rotary_table.cache_clear()
     with FakeTensorMode(), torch.no_grad():

@@ -1,4 +1,4 @@
-"""Whether trackers follow motions of a pixel and less: with real weights (`-m weights -s`), and what asks them.
+"""Whether trackers follow motions of a pixel and less: with real weights (`-m weights -n 0 -s`), and what asks them.
 
 `VFM_SDM_TEST_WEIGHTS` names a folder with the files as `vfm-sdm weights fetch` names them (docs/networks.md).
 """

@@ -12,7 +12,7 @@ from vfm_sdm.networks.interface import ChunkTracks, Precision, RgbFrames
 from vfm_sdm.networks.loading import load_weights
 from vfm_sdm.networks.vggt.model import Vggt
 
-__all__ = ["VggtInference"]
+__all__ = ["VggtInference", "reduce_matrices"]
 
 _CHANNEL_BYTES = 50
 """Peak memory of a token's channel in the aggregator: residual, queries, keys, values, hidden units [byte]."""
@@ -39,7 +39,7 @@ class VggtInference:
     def __init__(self, network: Vggt, placement: Placement) -> None:
         self.placement = placement
         if placement.reduced:
-            _reduce(network.aggregator)
+            reduce_matrices(network.aggregator)
         with placement.running(), torch.inference_mode(False):
             self.network = network.eval().to(placement.device)
 
@@ -130,7 +130,7 @@ class VggtInference:
         return pixels.permute(0, 3, 1, 2).to(self._dtype) / 255
 
 
-def _reduce(module: nn.Module) -> None:
+def reduce_matrices(module: nn.Module) -> None:
     """Weights of matrix products in bfloat16, as they are multiplied: half the memory, and nothing is cast twice."""
     for layer in module.modules():
         if isinstance(layer, nn.Linear | nn.Conv2d):
