@@ -7,7 +7,13 @@ from typing import Literal
 
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
-from vfm_sdm.networks.weights import find_weights, local_weights, weights_folder
+from vfm_sdm.networks.weights import (
+    fetch_weights,
+    find_weights,
+    is_licence_accepted,
+    local_weights,
+    weights_folder,
+)
 
 __all__ = ["BACKEND_NEEDS", "Kind", "Needs", "choose_weights", "default_checkpoint", "require_torch", "why_unavailable"]
 
@@ -85,12 +91,18 @@ def choose_weights(kind: Kind, name: str, wanted: str | None) -> Path:
     Raises
     ------
     BackendUnavailableError
-        The weights are not here.
+        The weights are not here, and nobody has acknowledged their licence or they cannot be fetched.
+
+    Notes
+    -----
+    A checkpoint whose licence was acknowledged is fetched now, on its first use.
     """
-    own = default_checkpoint(kind, name)
-    if wanted is None or (wanted in CHECKPOINTS and CHECKPOINTS[wanted].network != CHECKPOINTS[own].network):
-        return find_weights(own)
-    return find_weights(wanted)
+    chosen = default_checkpoint(kind, name)
+    if wanted and not (wanted in CHECKPOINTS and CHECKPOINTS[wanted].network != CHECKPOINTS[chosen].network):
+        chosen = wanted
+    if chosen in CHECKPOINTS and not local_weights(chosen).is_file() and is_licence_accepted(chosen):
+        return fetch_weights(chosen)
+    return find_weights(chosen)
 
 
 def default_checkpoint(kind: Kind, name: str) -> str:

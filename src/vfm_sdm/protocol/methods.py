@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from vfm_sdm.cameras.base import find_estimator
+from vfm_sdm.backends import find_backend
+from vfm_sdm.cameras.base import ESTIMATORS
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.tracking.base import find_tracker
+from vfm_sdm.networks.availability import why_unavailable
+from vfm_sdm.tracking.base import TRACKERS
 
 __all__ = ["MONOCULAR", "OURS", "WITHOUT_SGR", "Comparison", "Method", "comparisons", "why_not"]
 
@@ -100,8 +102,8 @@ def why_not(method: Method) -> str | None:
     if method.cameras == "chessboard":
         return _NO_PICTURES
     try:
-        find_tracker(method.tracker)
-        find_estimator(method.cameras)
+        find_backend(TRACKERS, "tracker", method.tracker)
+        find_backend(ESTIMATORS, "cameras", method.cameras)
     except BackendUnavailableError as error:
         return str(error)
-    return None
+    return why_unavailable("tracker", method.tracker) or why_unavailable("cameras", method.cameras)

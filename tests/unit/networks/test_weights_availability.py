@@ -9,6 +9,7 @@ from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks import availability
 from vfm_sdm.networks.availability import (
     BACKEND_NEEDS,
+    choose_weights,
     default_checkpoint,
     require_torch,
     why_unavailable,
@@ -68,6 +69,37 @@ def test_of_a_combination_every_part_has_to_run():
     local_weights("bootstapir").write_bytes(b"x")
     assert why_unavailable("tracker", "tapir+icgn") is None
     assert default_checkpoint("tracker", "tapir+icgn") == "bootstapir"
+
+
+def test_weights_of_a_session_are_those_of_every_network_that_knows_them(tmp_path):
+    local_weights("vggt-1b").write_bytes(b"x")
+    local_weights("bootstapir-causal").write_bytes(b"x")
+    assert choose_weights("tracker", "tapir", "bootstapir-causal") == local_weights("bootstapir-causal")
+    assert choose_weights("cameras", "vggt", "bootstapir-causal") == local_weights("vggt-1b")
+    own = tmp_path / "own.pt"
+    own.write_bytes(b"x")
+    assert choose_weights("tracker", "vggt", str(own)) == own
+    with pytest.raises(BackendUnavailableError, match="vfm-sdm weights fetch bootstapir`"):
+        choose_weights("tracker", "tapir", None)
+
+
+def test_acknowledged_weights_are_fetched_on_first_use(monkeypatch, tmp_path):
+    fetched = []
+
+    def fetch(name):
+        fetched.append(name)
+        return tmp_path / "fetched.safetensors"
+
+    monkeypatch.setattr(availability, "fetch_weights", fetch)
+    with pytest.raises(BackendUnavailableError, match="vfm-sdm weights fetch vggt-1b`"):
+        choose_weights("tracker", "vggt", None)
+    monkeypatch.setattr(availability, "is_licence_accepted", lambda name: name == "vggt-1b")
+    assert choose_weights("tracker", "vggt", None) == tmp_path / "fetched.safetensors"
+    assert fetched == ["vggt-1b"]
+    # A file of that name is the user's, whatever it is.
+    local_weights("vggt-1b").write_bytes(b"mine")
+    assert choose_weights("tracker", "vggt", None) == local_weights("vggt-1b")
+    assert fetched == ["vggt-1b"]
 
 
 def test_a_back_end_without_weights_has_no_checkpoint():

@@ -4,7 +4,6 @@ import re
 
 import pytest
 
-from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.protocol.methods import MONOCULAR, OURS, WITHOUT_SGR, Method, comparisons, why_not
 
 
@@ -61,9 +60,9 @@ def test_what_cannot_run_says_why(method, reason):
 
 
 def test_the_reason_is_that_of_the_back_end(monkeypatch):
-    def no_weights(name):
-        raise BackendUnavailableError(f"{name}: expected weights, got none; install them")
-
-    monkeypatch.setattr("vfm_sdm.protocol.methods.find_tracker", no_weights)
-    assert why_not(OURS) == "icgn: expected weights, got none; install them"
+    reasons = {("tracker", "icgn"): "expected weights, got none; install them"}
+    monkeypatch.setattr("vfm_sdm.protocol.methods.why_unavailable", lambda kind, name: reasons.get((kind, name)))
+    assert why_not(OURS) == "expected weights, got none; install them"
     assert why_not(MONOCULAR) is None
+    reasons = {("cameras", "sfm"): "expected pycolmap"}
+    assert why_not(Method("", cameras="sfm")) == "expected pycolmap"
