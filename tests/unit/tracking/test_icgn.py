@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-from moving_frames import NOISE, NaturalTexture, digitize, grid_points, memory_video
 
+from moving_frames import NOISE, NaturalTexture, digitize, grid_points, memory_video
 from vfm_sdm.datasets import Status, check_tracks
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.tracking.icgn import IcgnTracker

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from moving_frames import NOISE, NaturalTexture, digitize, grid_points
 from scipy.ndimage import gaussian_filter
 
+from moving_frames import NOISE, NaturalTexture, digitize, grid_points
 from textures import WaveTexture
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.tracking.subsets import SubsetBank, register_subset

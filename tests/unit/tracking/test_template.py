@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from moving_frames import NOISE, NaturalTexture, digitize, memory_video
 
+from moving_frames import NOISE, NaturalTexture, digitize, memory_video
 from vfm_sdm.datasets import Status, check_tracks, make_tracks
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.tracking.coarse import correlation_peaks, cut_subset
