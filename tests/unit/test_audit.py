@@ -13,6 +13,7 @@ from parallel import in_processes
 from textures import WaveTexture
 from vfm_sdm.audit import Audit, AuditCheck, Outcome, Verdict
 from vfm_sdm.audit.model import judge
+from vfm_sdm.cameras.priors import CONTRADICTION
 from vfm_sdm.pipeline import audit_of, displacement_of
 from vfm_sdm.plots import plot_audit
 from vfm_sdm.reports import audit_report
@@ -105,6 +106,15 @@ def test_good_spare_lengths_show_a_wrong_baseline():
     assert right["scale by a spare length"].figure < 0.05
     wrong = audited(simulate(3, **GOOD, **known, baseline_std=0.02, baseline_error=0.4))
     assert wrong["site and lenses"].outcome == Outcome.FAIL
+
+
+def test_what_the_camera_estimator_objects_to_is_a_caution():
+    run = good_run(1)
+    assert audited(run)["site and lenses"].outcome == Outcome.PASS
+    named = audited(replace(run, solution=replace(run.solution, status=CONTRADICTION)))
+    assert named["site and lenses"].outcome == Outcome.CAUTION
+    assert CONTRADICTION in named["site and lenses"].sentence
+    assert named.verdict == Verdict.CARE
 
 
 def test_unknown_clocks_are_refused():

@@ -1,11 +1,13 @@
 """Checks of cameras and scale: what was measured on site against the adjustment, and the views against each other."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from vfm_sdm.agreement import compute_gain_difference
 from vfm_sdm.arrays import FloatArray
 from vfm_sdm.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Outcome, judge
-from vfm_sdm.cameras.site import NOT_CONVERGED, NOT_IDENTIFIABLE, SiteQuantity
+from vfm_sdm.cameras.site import DISAGREE, NOT_CONVERGED, NOT_IDENTIFIABLE, SiteQuantity
 from vfm_sdm.datasets import Status
 from vfm_sdm.geometry.triangulation import sampson_error
 
@@ -34,13 +36,16 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
     -----
     Baarda's w-test: the adjusted value differs from the reading by an amount whose variance is that of the reading
     less that of the adjusted value. The figure is the largest of these standardised differences.
+
+    A status that the camera estimator gave is a caution by itself: what contradicted before the adjustment need not
+    show after it.
     """
     name, cameras = "site and lenses", inputs.cameras
     if cameras.status in (NOT_CONVERGED, NOT_IDENTIFIABLE):
         sentence = f"{cameras.status}: the displacement has no usable scale"
         return AuditCheck(name, Outcome.FAIL, float("nan"), _W_CAUTION, "std", sentence)
     tested = {q.name: _standardised(q) for q in cameras.quantities if _redundancy(q) > _LEAST_REDUNDANCY}
-    return judge(
+    judged = judge(
         name,
         tested,
         caution=_W_CAUTION,
@@ -49,6 +54,9 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
         good="what was measured on site, the lenses and the images agree",
         bad="{} contradicts the rest; a lens, a tape reading or a point is wrong, and with it the scale",
     )
+    if cameras.status in ("ok", DISAGREE) or judged.outcome == Outcome.FAIL:
+        return judged
+    return replace(judged, outcome=Outcome.CAUTION, sentence=f"{cameras.status}; the notes of the cameras say where")
 
 
 def check_baseline(inputs: AuditInputs) -> AuditCheck:
