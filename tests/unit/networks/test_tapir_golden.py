@@ -1,20 +1,14 @@
 """TAPIR against the golden data: manifests, every stored stage of eight runs, offline and online."""
 
-import importlib.util
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="the networks need torch")
 
+from golden import golden_folder, load_recipe, read_arrays, read_shapes  # noqa: E402
 from vfm_sdm.networks.tapir.config import TapirConfig  # noqa: E402
 from vfm_sdm.networks.tapir.features import FeatureGrids  # noqa: E402
 from vfm_sdm.networks.tapir.model import Tapir  # noqa: E402
-
-GOLDEN = Path(__file__).resolve().parents[4] / "shared" / "golden" / "tapir"
-pytestmark = pytest.mark.skipif(not GOLDEN.is_dir(), reason="the golden data is not beside the repository")
 
 TRACKS_PX, LOGITS, FEATURES, MIXER, STATE = 1e-3, 1e-4, 1e-5, 5e-5, 2e-4
 """Tolerances of the golden data's README, for float32 on another machine."""
@@ -30,21 +24,18 @@ CONFIGS = {
 
 
 def read_manifest(config):
-    return json.loads((GOLDEN / ("manifest.json" if config.extra_convs else "manifest_tapir_panning.json")).read_text())
+    name = "manifest.json" if config.extra_convs else "manifest_tapir_panning.json"
+    return read_shapes(golden_folder("tapir") / name)
 
 
 @pytest.fixture(scope="module")
 def golden():
-    with np.load(GOLDEN / "golden.npz", allow_pickle=False) as arrays:
-        return {key: arrays[key] for key in arrays.files}
+    return read_arrays(golden_folder("tapir") / "golden.npz")
 
 
 @pytest.fixture(scope="module")
 def recipe():
-    spec = importlib.util.spec_from_file_location("tapir_weights_recipe", GOLDEN / "weights_recipe.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_recipe(golden_folder("tapir"))
 
 
 @pytest.fixture(scope="module")
