@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from glob import glob
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -105,7 +106,7 @@ class Run:
         BackendUnavailableError
             One of them is unknown or cannot run here.
         """
-        self._weights()
+        _ = self._weights
 
     @property
     def videos(self) -> dict[str, Video]:
@@ -131,7 +132,8 @@ class Run:
 
     def cameras(self) -> CameraSolution:
         """Cameras, axes and points, written to ``cameras.toml``."""
-        key = self._key("view", "site", "point", "chessboard", *_CAMERA_SETTINGS)
+        weights = json.dumps(self._weights["cameras"])
+        key = self._key("view", "site", "point", "chessboard", *_CAMERA_SETTINGS, extra=weights)
         path = self._path("cameras.toml")
         if path is not None and path.exists():
             solution, found = read_solution(path)
@@ -149,8 +151,9 @@ class Run:
         """Tracks of every view, written to ``tracks.nc``."""
         # Not the whole view: a better lens prior must not cost another pass over the recordings.
         sources = [[v.name, str(v.video), v.images, v.fps] for v in self.session.view]
-        pixels = json.dumps([sources, {v: dict(p) for v, p in cameras.points.items()}], sort_keys=True)
-        key = self._key("method.tracker", "method.subset_px", "method.network", extra=pixels)
+        points = {v: dict(p) for v, p in cameras.points.items()}
+        inputs = json.dumps([sources, points, self._weights["tracking"]], sort_keys=True)
+        key = self._key("method.tracker", "method.subset_px", "method.network", extra=inputs)
         path = self._path("tracks.nc")
         if path is not None and path.exists():
             tracks = read_tracks(path)
@@ -243,19 +246,23 @@ class Run:
         pixels = video.info.width * video.info.height * max(video.report.frames, 1)
         return float("nan") if source is None else 8 * self.session.resolve(source).stat().st_size / pixels
 
-    def _weights(self) -> list[str]:
-        """Which weights the method's networks have."""
+    @cached_property
+    def _weights(self) -> dict[str, list[str]]:
+        """Which weights the networks of each stage have; to know them, every back end is looked up."""
         method = self.session.resolved_method
-        parts: list[object] = [estimator_of(method), tracker_of(method)]
+        stages: dict[str, list[object]] = {"cameras": [estimator_of(method)], "tracking": [tracker_of(method)]}
         if method.correspondence == "vggt":
-            parts.append(find_tracker("vggt", network=method.network))
-        return [str(part.weights_id) for part in parts if hasattr(part, "weights_id")]
+            stages["cameras"].append(find_tracker("vggt", network=method.network))
+        return {
+            stage: [str(part.weights_id) for part in parts if hasattr(part, "weights_id")]
+            for stage, parts in stages.items()
+        }
 
     def _key(self, *parts: str, extra: str = "") -> str:
-        """Hash of those parts of the session, of the input files and of networks' weights that a stage depends on."""
+        """Hash of those parts of the session, and of the input files, that a stage depends on."""
         fields = self.session.model_dump(mode="json")
         chosen = {part: _dig(fields, part) for part in parts}
-        text = json.dumps([chosen, self.input_hashes, self._weights(), extra, version("vfm-sdm")], sort_keys=True)
+        text = json.dumps([chosen, self.input_hashes, extra, version("vfm-sdm")], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def _path(self, name: str) -> Path | None:
