@@ -89,6 +89,18 @@ def test_memory_that_runs_out_makes_smaller_chunks_of_the_same_result(plan, fits
     assert 8 <= stitcher.plan.frames <= fits
 
 
+def test_memory_may_run_out_later_than_in_the_first_chunk():
+    """The frames that chunks share are then more than a chunk may hold."""
+    network = KnownMotion(swaying)
+    stitcher = ChunkStitcher(network, ChunkPlan(64, overlap=16), QUERIES)
+    for index in range(170):
+        network.fits = 8 if index > 130 else None
+        stitcher.feed(numbered(index))
+    found = stitcher.finish()
+    np.testing.assert_allclose(found.positions, truth(170), atol=1e-9)
+    assert stitcher.plan.frames == 8
+
+
 def test_memory_that_is_planned_with_is_not_exceeded():
     network = KnownMotion(swaying, plan=20)
     found, stitcher = stitch(network, ChunkPlan(144, overlap=32), 90)

@@ -175,7 +175,7 @@ def polished(monkeypatch, positions, **options):
 def moving():
     """Jumps that registration alone cannot bridge, and where the points are."""
     texture = NaturalTexture(5)
-    shifts = np.array([[0.0, 0.0], [0.3, 0.2], [30.25, -20.5], [30.5, -20.25], [0.5, 0.75], [0.1, 0.1]])
+    shifts = np.array([[0.0, 0.0], [0.3, 0.2], [60.25, -50.5], [60.5, -50.25], [0.5, 0.75], [0.1, 0.1]])
     points = np.array([[100.5, 110.25], [150.0, 130.0]])
     return memory_video([digitize(texture.image(s)) for s in shifts]), points, points + shifts[:, None]
 
