@@ -24,8 +24,8 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from vfm_sdm.tracking.icgn import IcgnTracker
-from vfm_sdm.video import Video, VideoInfo
+from vfm_sdm.inputs.video import Video, VideoInfo
+from vfm_sdm.stages.tracking.icgn import IcgnTracker
 
 try:
     import pyidi

@@ -5,10 +5,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from small_networks import vggt_on_cpu
-from vfm_sdm.cameras.base import find_estimator
-from vfm_sdm.cameras.network_view import network_view
+from vfm_sdm.inputs.session import Network
 from vfm_sdm.networks.vggt.pose import encode_pose
-from vfm_sdm.session import Network
+from vfm_sdm.stages.cameras.base import find_estimator
+from vfm_sdm.stages.matching.network_view import network_view
 
 UNIT_M = 20.0
 """What it takes for a length of one."""

@@ -12,16 +12,16 @@ import numpy as np
 import xarray as xr
 
 from simulation import SIZE, intrinsics, looking_at, project_all
-from vfm_sdm.arrays import FloatArray
-from vfm_sdm.cameras.base import Matches
-from vfm_sdm.cameras.site import adjust_to_site
-from vfm_sdm.cameras.solution import CameraSolution
-from vfm_sdm.cameras.two_view import estimate_relative_pose
-from vfm_sdm.datasets import STRUCTURE_AXES, make_tracks
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import STRUCTURE_AXES, make_tracks
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
-from vfm_sdm.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
-from vfm_sdm.tracking.scatter import include_scatter
+from vfm_sdm.inputs.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
+from vfm_sdm.stages.cameras.site import adjust_to_site
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.cameras.two_view import estimate_relative_pose
+from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.tracking.track_noise import include_scatter
 
 __all__ = ["MOVING", "STATIC", "STILL_S", "VIEWS", "Conditions", "Simulated", "draw_conditions", "simulate"]
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfm_sdm.arrays import FloatArray
-from vfm_sdm.cameras.base import Matches
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.stages.matching.matches import Matches
 
 SIZE = (3840, 2160)
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from vfm_sdm.session import Network
-from vfm_sdm.tracking.base import find_tracker
+from vfm_sdm.inputs.session import Network
+from vfm_sdm.stages.tracking.base import find_tracker
 
 NETWORK_TRACKERS = ("vggt", "tapir", "vggt+icgn", "tapir+icgn")
 

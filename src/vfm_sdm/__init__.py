@@ -4,20 +4,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vfm_sdm.accelerometer import compute_reference
-    from vfm_sdm.cameras.site import adjust_to_site
-    from vfm_sdm.displacement import compute_displacement
-    from vfm_sdm.evaluation import evaluate
+    from vfm_sdm.analysis.evaluation import evaluate
+    from vfm_sdm.core.netcdf import read_displacement, read_tracks
     from vfm_sdm.geometry.camera import Camera, Rig
     from vfm_sdm.geometry.triangulation import triangulate
+    from vfm_sdm.inputs.sensors.accelerometer import compute_reference
+    from vfm_sdm.inputs.session import Session, read_session, write_session
+    from vfm_sdm.inputs.video import open_images, open_video
     from vfm_sdm.measurement import Measurement, measure
-    from vfm_sdm.protocol import run_benchmark
-    from vfm_sdm.refinement import refine
-    from vfm_sdm.results import read_displacement, read_tracks
-    from vfm_sdm.session import Session, read_session, write_session
-    from vfm_sdm.synthetic.field_test import make_field_test
-    from vfm_sdm.tracking.base import find_tracker
-    from vfm_sdm.video import open_images, open_video
+    from vfm_sdm.stages.cameras.site import adjust_to_site
+    from vfm_sdm.stages.displacement.stereo import compute_displacement
+    from vfm_sdm.stages.refinement import refine
+    from vfm_sdm.stages.tracking.base import find_tracker
+    from vfm_sdm.studies.protocol import run_benchmark
+    from vfm_sdm.studies.synthetic.field_test import make_field_test
 
 __version__ = "0.1.0"
 __all__ = [
@@ -48,23 +48,23 @@ _HOMES = {
     "Camera": "geometry.camera",
     "Measurement": "measurement",
     "Rig": "geometry.camera",
-    "Session": "session",
-    "adjust_to_site": "cameras.site",
-    "compute_displacement": "displacement",
-    "compute_reference": "accelerometer",
-    "evaluate": "evaluation",
-    "find_tracker": "tracking.base",
-    "make_field_test": "synthetic.field_test",
+    "Session": "inputs.session",
+    "adjust_to_site": "stages.cameras.site",
+    "compute_displacement": "stages.displacement.stereo",
+    "compute_reference": "inputs.sensors.accelerometer",
+    "evaluate": "analysis.evaluation",
+    "find_tracker": "stages.tracking.base",
+    "make_field_test": "studies.synthetic.field_test",
     "measure": "measurement",
-    "open_images": "video",
-    "open_video": "video",
-    "read_displacement": "results",
-    "read_session": "session",
-    "read_tracks": "results",
-    "refine": "refinement",
-    "run_benchmark": "protocol",
+    "open_images": "inputs.video",
+    "open_video": "inputs.video",
+    "read_displacement": "core.netcdf",
+    "read_session": "inputs.session",
+    "read_tracks": "core.netcdf",
+    "refine": "stages.refinement",
+    "run_benchmark": "studies.protocol",
     "triangulate": "geometry.triangulation",
-    "write_session": "session",
+    "write_session": "inputs.session",
 }
 
 

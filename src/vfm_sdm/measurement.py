@@ -16,29 +16,28 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.arrays import LumaArray
-from vfm_sdm.audit import Audit
-from vfm_sdm.cameras.base import estimator_of
-from vfm_sdm.cameras.solution import CameraSolution, read_solution, write_solution
+from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.netcdf import read_tracks, write_tracks
 from vfm_sdm.errors import ResultsError
-from vfm_sdm.pipeline import Progress, audit_of, displacement_of, solve_cameras, track_views
-from vfm_sdm.plots import save_figures
-from vfm_sdm.results import (
+from vfm_sdm.inputs.session import Session, file_hash, open_views, session_hash, write_session
+from vfm_sdm.inputs.video import Video
+from vfm_sdm.outputs.plots import save_figures
+from vfm_sdm.outputs.results import (
     describe_camera_motion,
     describe_clocks,
     describe_recording,
     describe_refinement,
     displacement_notes,
-    read_tracks,
     recording_notes,
     summarize_displacement,
     write_displacement,
     write_summary,
-    write_tracks,
 )
-from vfm_sdm.session import Session, file_hash, open_views, session_hash, write_session
-from vfm_sdm.tracking.base import find_tracker, tracker_of
-from vfm_sdm.video import Video
+from vfm_sdm.pipeline import Progress, audit_of, displacement_of, solve_cameras, track_views
+from vfm_sdm.stages.audit import Audit
+from vfm_sdm.stages.cameras.base import estimator_of
+from vfm_sdm.stages.cameras.solution import CameraSolution, read_solution, write_solution
+from vfm_sdm.stages.tracking.base import find_tracker, tracker_of
 
 __all__ = ["Measurement", "Run", "measure"]
 

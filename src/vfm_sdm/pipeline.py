@@ -10,27 +10,28 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.agreement import compute_gain_difference
-from vfm_sdm.arrays import FloatArray, LumaArray
-from vfm_sdm.audit import Audit, AuditInputs, audit
-from vfm_sdm.camera_motion import ViewMotion, remove_camera_motion
-from vfm_sdm.cameras.base import Matches, estimator_of
-from vfm_sdm.cameras.site import SiteAdjustment, adjust_to_site
-from vfm_sdm.cameras.solution import CameraSolution
-from vfm_sdm.datasets import Status, make_tracks
-from vfm_sdm.displacement import compute_displacement, compute_planar_displacement
+from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
-from vfm_sdm.point_transfer import transfer_on_face, transfer_points
-from vfm_sdm.refinement import Refinement, SgrSettings, SgrWeights, refine
-from vfm_sdm.session import Session, Site, View
-from vfm_sdm.synchronize import Synchronization, align_views, synchronize_views
-from vfm_sdm.tracking.base import Tracker
-from vfm_sdm.tracking.correspondence import OK
-from vfm_sdm.tracking.scatter import include_scatter
-from vfm_sdm.tracking.template import scale_factor
-from vfm_sdm.uncertainty import BudgetInputs, add_uncertainty
-from vfm_sdm.video import Video
+from vfm_sdm.inputs.session import Session, Site, View
+from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.audit import Audit, AuditInputs, audit
+from vfm_sdm.stages.camera_motion import ViewMotion, remove_camera_motion
+from vfm_sdm.stages.cameras.base import estimator_of
+from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.displacement.agreement import compute_gain_difference
+from vfm_sdm.stages.displacement.monocular import compute_planar_displacement, scale_factor
+from vfm_sdm.stages.displacement.stereo import compute_displacement
+from vfm_sdm.stages.displacement.uncertainty import BudgetInputs, add_uncertainty
+from vfm_sdm.stages.matching.correspondence import OK
+from vfm_sdm.stages.matching.locate import transfer_on_face, transfer_points
+from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.refinement import Refinement, SgrSettings, SgrWeights, refine
+from vfm_sdm.stages.synchronize import Synchronization, align_views, synchronize_views
+from vfm_sdm.stages.tracking.base import Tracker
+from vfm_sdm.stages.tracking.track_noise import include_scatter
 
 __all__ = [
     "ONE_VIEW",
@@ -123,7 +124,7 @@ def track_views(
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
 
-    Covariances are raised to what the tracks scatter by, see `vfm_sdm.tracking.scatter.include_scatter`.
+    Covariances are raised to what the tracks scatter by, see `vfm_sdm.stages.tracking.track_noise.include_scatter`.
 
     Parameters
     ----------

@@ -9,12 +9,12 @@ import pytest
 from boards import add_noise, board_poses, see_board
 from known_cameras import KnownCameras, as_colors, vggt_cameras, with_pictures, write_pictures
 from rooms import BASELINE_M, SIZE, room_frames, room_rig, room_session
-from vfm_sdm.cameras.base import ESTIMATORS, CameraEstimate, find_estimator
-from vfm_sdm.cameras.board_detection import board_points
-from vfm_sdm.cameras.file import write_rig
-from vfm_sdm.cameras.site import rig_difference
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
+from vfm_sdm.stages.cameras.base import ESTIMATORS, CameraEstimate, find_estimator
+from vfm_sdm.stages.cameras.chessboard.detection import board_points
+from vfm_sdm.stages.cameras.file import write_rig
+from vfm_sdm.stages.cameras.site import rig_difference
 
 NETWORKS = {"vggt"}
 """Estimators whose weights cannot be had here: they run with a stand-in that knows the room, or with random weights."""

@@ -10,10 +10,10 @@ import pytest
 
 from small_networks import NETWORK_TRACKERS, small_tracker
 from textures import WaveTexture
-from vfm_sdm.datasets import Status, check_tracks
+from vfm_sdm.core.datasets import Status, check_tracks
 from vfm_sdm.errors import BackendUnavailableError, DatasetError
-from vfm_sdm.tracking.base import TRACKERS, find_tracker
-from vfm_sdm.video import open_images
+from vfm_sdm.inputs.video import open_images
+from vfm_sdm.stages.tracking.base import TRACKERS, find_tracker
 
 SHAPE = (220, 260)
 FRAMES = 12

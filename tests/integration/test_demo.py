@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vfm_sdm.demo import compare_with_truth, run_demo
+from vfm_sdm.commands.demo import compare_with_truth, run_demo
+from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.results import read_displacement
 
 
 @pytest.fixture(scope="module")

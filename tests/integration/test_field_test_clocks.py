@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from vfm_sdm.datasets import STRUCTURE_AXES, make_displacement, make_tracks
-from vfm_sdm.evaluation import evaluate, read_sensors
-from vfm_sdm.synchronize import LagStatus, synchronize_views
-from vfm_sdm.synthetic.presets import PRESETS, preset
-from vfm_sdm.synthetic.sensors import write_acceleration
+from vfm_sdm.analysis.evaluation import evaluate, read_sensors
+from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement, make_tracks
+from vfm_sdm.stages.synchronize import LagStatus, synchronize_views
+from vfm_sdm.studies.synthetic.presets import PRESETS, preset
+from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
 SEEDS = range(10)
 TRACKER_STD_PX = 0.03

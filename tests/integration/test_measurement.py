@@ -10,16 +10,16 @@ import pytest
 
 from scenes import FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
-from vfm_sdm.cameras.solution import CameraSolution
-from vfm_sdm.datasets import STRUCTURE_AXES, Status, make_tracks
+from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_tracks
+from vfm_sdm.core.netcdf import read_displacement, read_tracks
 from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError, SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
+from vfm_sdm.inputs.session import Session, open_views, read_session, write_session
 from vfm_sdm.measurement import measure
 from vfm_sdm.pipeline import displacement_of, synchronize_tracks, track_views
-from vfm_sdm.results import read_displacement, read_tracks
-from vfm_sdm.session import Session, open_views, read_session, write_session
-from vfm_sdm.tracking.icgn import IcgnTracker
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.tracking.icgn import IcgnTracker
 
 TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])
 

@@ -7,8 +7,8 @@ import pytest
 
 from faults import FAULTS, good_run
 from measurements import MOVING, Simulated
-from vfm_sdm.audit import Outcome
 from vfm_sdm.pipeline import audit_of, displacement_of, steady_tracks
+from vfm_sdm.stages.audit import Outcome
 
 
 def error_mm(run: Simulated, camera_motion: str) -> float:

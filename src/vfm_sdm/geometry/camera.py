@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
 
 __all__ = ["CAMERA_PARAMETERS", "Camera", "Rig", "distort", "distort_derivative", "undistort"]

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.triangulation import triangulate
 

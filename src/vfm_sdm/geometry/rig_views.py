@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 
 __all__ = ["select_views"]

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
 
 __all__ = ["StructureFrame", "compute_view_angle", "structure_from_cam1"]

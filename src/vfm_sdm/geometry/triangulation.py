@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.arrays import BoolArray, FloatArray, IntArray, as_float_array
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig, distort_derivative
 

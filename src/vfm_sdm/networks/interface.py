@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 
 __all__ = ["SEEN", "ChunkNetwork", "ChunkTracks", "Precision", "RgbFrames"]
 

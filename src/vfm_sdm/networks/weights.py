@@ -12,8 +12,8 @@ from typing import Any
 
 import tomli_w
 
+from vfm_sdm.core.files import file_hash, replace_file
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.files import file_hash, replace_file
 from vfm_sdm.networks.checkpoints import CHECKPOINTS, Checkpoint
 from vfm_sdm.networks.download import Progress, download
 

@@ -131,9 +131,9 @@ sys.meta_path.insert(0, Hide())
 import pytest
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks import availability, checkpoints, download, loading, weights
-import vfm_sdm.cli
-from vfm_sdm.environment import describe_environment
-from vfm_sdm.reports import weights_table
+import vfm_sdm.commands.app
+from vfm_sdm.commands.environment import describe_environment
+from vfm_sdm.commands.tables import weights_table
 assert weights_table().row_count == len(checkpoints.CHECKPOINTS)
 lines = describe_environment()["vision foundation models"]
 assert "not installed; pip install 'vfm-sdm[vfm]'" in lines[0], lines

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 import torch
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.networks.device import Placement, choose_placement
 from vfm_sdm.networks.interface import ChunkTracks, RgbFrames
 from vfm_sdm.networks.loading import load_weights

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.networks.device import Placement, choose_placement
 from vfm_sdm.networks.interface import ChunkTracks, Precision, RgbFrames
 from vfm_sdm.networks.loading import load_weights

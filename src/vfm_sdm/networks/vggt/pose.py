@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 
 __all__ = ["FOV", "POSE_SIZE", "decode_pose", "encode_pose"]
 

@@ -1,0 +1,146 @@
+"""From files to an evaluation: sensors' recordings of any kind, and the run folder of a measurement."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import xarray as xr
+
+from vfm_sdm.analysis.evaluation.comparison import evaluate
+from vfm_sdm.analysis.evaluation.records import Evaluation
+from vfm_sdm.core.netcdf import read_displacement
+from vfm_sdm.errors import DatasetError, SessionError
+from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
+from vfm_sdm.inputs.sensors.netcdf import join_sensors, read_comparison
+from vfm_sdm.inputs.sensors.sensor_csv import read_acceleration, read_reference
+from vfm_sdm.inputs.session import Session, read_session
+
+__all__ = ["evaluate_run", "read_sensors"]
+
+_ACCELERATION = ("g", "m/s2")
+
+
+def read_sensors(
+    paths: Sequence[Path | str],
+    *,
+    sensors: Sequence[str] = (),
+    columns: Mapping[str, str] | None = None,
+    units: str = "g",
+    sampling_rate_hz: float | None = None,
+    settings: RecipeSettings | None = None,
+) -> xr.Dataset:
+    """Reference dataset [mm] of one CSV file a sensor, all on one clock.
+
+    Parameters
+    ----------
+    paths
+        CSV files.
+    sensors
+        Name of the sensor in each file; the files' names when left out.
+    columns, units, sampling_rate_hz
+        Of all files, see `vfm_sdm.inputs.sensors.sensor_csv.read_acceleration`; ``g`` and ``m/s2`` are accelerations,
+        which go through `vfm_sdm.inputs.sensors.accelerometer.compute_reference`, ``mm`` and ``m`` are displacements
+        and stay as recorded.
+    settings
+        Of the recipe for accelerations.
+
+    Raises
+    ------
+    DatasetError
+        A file is not as described; the files do not share a clock or axes; there is not one name a file.
+    """
+    if sensors and len(sensors) != len(paths):
+        raise DatasetError(f"sensors: expected one name a file, got {len(sensors)} for {len(paths)}; name all or none")
+    read = read_acceleration if units in _ACCELERATION else read_reference
+    names: Sequence[str | None] = sensors or [None] * len(paths)
+    recordings = [
+        read(path, sensor=name, columns=columns, units=units, sampling_rate_hz=sampling_rate_hz)
+        for path, name in zip(paths, names, strict=True)
+    ]
+    joined = join_sensors(recordings)
+    return compute_reference(joined, settings) if units in _ACCELERATION else joined
+
+
+def evaluate_run(
+    folder: Path | str,
+    reference: Path | str,
+    *,
+    pairs: Mapping[str, str] | None = None,
+    axes: Sequence[str] = ("lateral", "vertical"),
+    band_hz: tuple[float, float] | None = None,
+    synchronize: bool | None = None,
+    search_s: float = 5.0,
+    start_lag_s: float = 0.0,
+) -> Evaluation:
+    """Evaluation of the displacement in a run folder.
+
+    Parameters
+    ----------
+    folder
+        Run folder with ``displacement.nc``. Its ``session.resolved.toml``, where present, says which points are static
+        and which sensor sits at which point.
+    reference
+        ``truth.nc`` or another ``displacement.nc``; a file of `write_reference`; or a CSV file that the session names.
+        The CSV file is found by its name, so that it may have been moved since.
+    pairs
+        See `evaluate`; those of the session when left out.
+    axes, band_hz, synchronize, search_s, start_lag_s
+        See `evaluate`.
+
+    Raises
+    ------
+    ResultsError, SessionError, DatasetError
+        A file is missing or is not what it should be; nothing can be paired; or as `evaluate`.
+    """
+    displacement = read_displacement(folder)
+    session_file = Path(folder) / "session.resolved.toml"
+    session = read_session(session_file, check_files=False) if session_file.is_file() else None
+    is_csv = Path(reference).suffix.lower() == ".csv"
+    known = _read_named(session, Path(reference)) if is_csv else read_comparison(reference)
+    if pairs is None and session is not None:
+        pairs = _session_pairs(session, displacement, known)
+    return evaluate(
+        displacement,
+        known,
+        pairs=pairs,
+        axes=axes,
+        band_hz=band_hz,
+        synchronize=synchronize,
+        search_s=search_s,
+        start_lag_s=start_lag_s,
+    )
+
+
+def _read_named(session: Session | None, path: Path) -> xr.Dataset:
+    """Reference dataset of a sensor's CSV file as the session describes it."""
+    sensors = () if session is None else session.sensor
+    named = [sensor for sensor in sensors if sensor.file.name == path.name]
+    if len(named) != 1 or named[0].units is None:
+        what = f"{len(named)} sensors of that file" if len(named) != 1 else f"no units for {named[0].name!r}"
+        raise SessionError(
+            f"{path}: expected one sensor with its units in the run's session, got {what}; convert the file with "
+            "`vfm-sdm reference`"
+        )
+    sensor = named[0]
+    return read_sensors(
+        [path],
+        sensors=[sensor.name],
+        columns={str(axis): column for axis, column in sensor.columns.items()} or None,
+        units=str(sensor.units),
+        sampling_rate_hz=sensor.sampling_rate_hz,
+    )
+
+
+def _session_pairs(session: Session, displacement: xr.Dataset, known: xr.Dataset) -> dict[str, str]:
+    """What sits where: sensors at the points of the measurement that move, else points of the same name."""
+    moving = [p.name for p in session.point if not p.static and p.name in displacement["point"].values]
+    if "sensor" not in known.dims:
+        return {point: point for point in moving if point in known["point"].values}
+    sensors = [s for s in session.sensor if s.name in known["sensor"].values]
+    pairs = {str(s.point): s.name for s in sensors if s.point in moving}
+    if not pairs or len(pairs) < sum(s.point in moving for s in sensors):
+        placed, found = [(s.name, s.point) for s in session.sensor], [str(s) for s in known["sensor"].values]
+        raise SessionError(
+            f"pairs: expected one of the sensors {found} at each of some of the points {moving}, got {placed} in the "
+            "session; name pairs with --pair point=sensor"
+        )
+    return pairs

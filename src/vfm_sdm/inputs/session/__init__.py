@@ -1,0 +1,33 @@
+"""The measurement session: what was filmed, measured on site and wanted, and its file ``session.toml``."""
+
+from vfm_sdm.core.files import file_hash
+from vfm_sdm.inputs.session.exif import lens_from_exif
+from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
+from vfm_sdm.inputs.session.model import Chessboard, Lens, Method, Network, Point, Sensor, Session, Sfm, Sgr, View
+from vfm_sdm.inputs.session.recordings import first_color_frames, open_views
+from vfm_sdm.inputs.session.site import Length, Level, Measured, Range, Site
+
+__all__ = [
+    "Chessboard",
+    "Length",
+    "Lens",
+    "Level",
+    "Measured",
+    "Method",
+    "Network",
+    "Point",
+    "Range",
+    "Sensor",
+    "Session",
+    "Sfm",
+    "Sgr",
+    "Site",
+    "View",
+    "file_hash",
+    "first_color_frames",
+    "lens_from_exif",
+    "open_views",
+    "read_session",
+    "session_hash",
+    "write_session",
+]

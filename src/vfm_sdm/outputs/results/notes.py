@@ -1,0 +1,125 @@
+"""What a reader of a summary must know beside the figures: recordings, clocks, refinement, and notes on each."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
+from vfm_sdm.stages.synchronize import LagStatus
+
+__all__ = [
+    "describe_camera_motion",
+    "describe_clocks",
+    "describe_recording",
+    "describe_refinement",
+    "displacement_notes",
+    "recording_notes",
+]
+
+_CLEAN_BITS_PER_PIXEL = 1.0
+"""Above this H.264 keeps the motion to better than 1 % (docs/decisions/008-compression.md)."""
+_CARRIED = 3.0
+"""A result is carried by the assumption when that adds so many times the random part to its uncertainty."""
+
+
+def describe_recording(tracks: xr.Dataset) -> dict[str, Any]:
+    """Size of the pictures and what the decoder said of a view's recording."""
+    attrs = tracks.attrs
+    named = {k.removeprefix("decode_"): v for k, v in attrs.items() if k.startswith("decode_")}
+    return {"width": attrs.get("image_width"), "height": attrs.get("image_height"), **named}
+
+
+def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
+    """What a user must know about the recordings: ended early, frames missing or repeated."""
+    notes = []
+    for view, of_view in tracks.items():
+        record = describe_recording(of_view)
+        if record.get("status", "ok") != "ok":
+            notes.append(f"view {view!r}: {record['status']}: {record.get('message', '')}")
+        if record.get("bits_per_pixel", np.nan) < _CLEAN_BITS_PER_PIXEL:
+            notes.append(
+                f"view {view!r}: compressed to {record['bits_per_pixel']:.2f} bits a pixel: motion comes out some 1 to "
+                "2 % too small, which is stated but not corrected (docs/decisions/008-compression.md)"
+            )
+        for what in ("dropped", "duplicated"):
+            if record.get(what, 0):
+                notes.append(f"view {view!r}: {record[what]} {what} frames of {record['frames']}")
+    return notes
+
+
+def describe_clocks(displacement: xr.Dataset, views: list[str]) -> dict[str, Any]:
+    """What is known of each further view's clock, by view."""
+    clocks = {}
+    for view in views[1:]:
+        if f"clock_{view}_status" in displacement.attrs:
+            offset, std, ratio = (float(value) for value in displacement.attrs[f"clock_{view}"])
+            status = displacement.attrs[f"clock_{view}_status"]
+            clocks[view] = {"status": status, "offset_s": offset, "offset_std_s": std, "rate_ratio": ratio}
+    return clocks
+
+
+def describe_camera_motion(displacement: xr.Dataset, views: list[str]) -> dict[str, Any]:
+    """What the static points show of each camera's motion, by view; empty where it was not looked for."""
+    motions = {}
+    for view in views:
+        if f"camera_motion_{view}_status" in displacement.attrs:
+            before, after = (float(value) for value in displacement.attrs[f"camera_motion_{view}"])
+            status = displacement.attrs[f"camera_motion_{view}_status"]
+            motions[view] = {"status": status, "static_rms_before_px": before, "static_rms_after_px": after}
+    return motions
+
+
+def describe_refinement(displacement: xr.Dataset) -> dict[str, Any]:
+    """What became of each point in the refinement, by point; empty without one."""
+    if "prior_share" not in displacement:
+        return {}
+    rows = zip(
+        displacement["point"].values,
+        displacement.attrs["refinement_status"],
+        displacement.attrs["refined_view"],
+        displacement["prior_share"].values,
+        strict=True,
+    )
+    return {
+        str(point): {"status": status, "view": view or None, "prior_share": float(share)}
+        for point, status, view, share in rows
+    }
+
+
+def displacement_notes(displacement: xr.Dataset | None) -> list[str]:
+    """Views whose offset the motion did not tell, and points that were not refined."""
+    if displacement is None:
+        return []
+    notes = [
+        f"view {name.removeprefix('clock_').removesuffix('_status')!r}: not synchronised by its motion: {status}; its "
+        "time_offset_s was taken (0 when not stated, and then all samples are marked unreliable); state it, or set "
+        'method.synchronization = "none" for cameras that start together'
+        for name, status in displacement.attrs.items()
+        if str(name).startswith("clock_") and str(name).endswith("_status") and status != LagStatus.OK
+    ]
+    notes += _assumption_notes(displacement)
+    refined = describe_refinement(displacement)
+    return notes + [f"point {p!r}: not refined: {row['status']}" for p, row in refined.items() if row["status"] != "ok"]
+
+
+def _assumption_notes(displacement: xr.Dataset) -> list[str]:
+    """Refined points and axes whose uncertainty is mostly that of the assumption, not of the images."""
+    if "prior_share" not in displacement or "uncertainty" not in displacement:
+        return []
+    squares = displacement["uncertainty"].values ** 2
+    known = np.isfinite(squares)
+    rms = np.sqrt(np.where(known, squares, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1))
+    random, assumption = (rms[list(COMPONENTS).index(name)] for name in ("random", "assumption"))
+    names = [str(name) for name in displacement["point"].values]
+    points = {
+        str(axis): assumption[:, n] > _CARRIED * random[:, n] for n, axis in enumerate(displacement["axis"].values)
+    }
+    carried = [
+        f"{axis} of {', '.join(repr(name) for name, mostly in zip(names, of_axis, strict=True) if mostly)}"
+        for axis, of_axis in points.items()
+        if of_axis.any()
+    ]
+    what = "the assumption that hardly anything moves along the suppressed axis says more than the images do about"
+    return [f"refinement: {what} {'; '.join(carried)}"] if carried else []

@@ -1,0 +1,97 @@
+"""Checks of the views' clocks: what is left of an offset after synchronisation, and whether it drifts."""
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs, Outcome, judge
+from vfm_sdm.stages.synchronize import LagStatus, Synchronization, estimate_view_lag
+
+__all__ = ["check_drift", "check_synchronization"]
+
+_SEARCH_STD_S = 0.05
+_SIGNIFICANT = 4.0
+_LAG_CAUTION_S, _LAG_FAIL_S = 0.004, 0.02
+"""At 3 Hz an offset of 4 ms moves one view against the other by 8 % of the amplitude."""
+_SHORTEST_HALF_S = 4.0
+
+
+def check_synchronization(inputs: AuditInputs) -> AuditCheck:
+    """Lag that is left between the views on their common clock."""
+    name = "clocks"
+    unknown = [view for view in inputs.tracks if _unknown(inputs, view)]
+    if unknown:
+        bad = f"nobody knows when {unknown[0]!r} began: neither the motion nor the session tells its offset"
+        return AuditCheck(name, Outcome.FAIL, float("nan"), _LAG_CAUTION_S, "s", bad, unknown[0])
+    lags = _lags(inputs, inputs.aligned)
+    left = {view: _significant(lag) for view, lag in lags.items() if lag.ok}
+    if not left:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", _silent(*lags.values()))
+    return judge(
+        name,
+        left,
+        caution=_LAG_CAUTION_S,
+        fail=_LAG_FAIL_S,
+        units="s",
+        good="the views are synchronised",
+        bad="'{}' is not synchronised with the reference view; let the motion do it (method.synchronization)",
+    )
+
+
+def check_drift(inputs: AuditInputs) -> AuditCheck:
+    """Change of the lag from the first to the second half of the recording."""
+    name, time_s = "clock drift", inputs.aligned["time"].values
+    middle = (time_s[0] + time_s[-1]) / 2
+    if time_s[-1] - middle < _SHORTEST_HALF_S:
+        sentence = f"the recording is shorter than {2 * _SHORTEST_HALF_S:g} s: clocks hardly drift in that time"
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", sentence)
+    halves = [inputs.aligned.sel(time=part) for part in (slice(None, middle), slice(middle, None))]
+    first, second = (_lags(inputs, half) for half in halves)
+    found = {view: _significant(first[view], second[view]) for view in first if first[view].ok and second[view].ok}
+    if not found:
+        both = _silent(*first.values(), *second.values())
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", both)
+    return judge(
+        name,
+        found,
+        caution=_LAG_CAUTION_S,
+        fail=_LAG_FAIL_S,
+        units="s",
+        good="the clocks keep step",
+        bad="the clock of '{}' drifts against the reference view's; use a shorter part, or a constant frame rate",
+    )
+
+
+def _lags(inputs: AuditInputs, aligned: xr.Dataset) -> dict[str, Synchronization]:
+    """Lag of every further view behind the reference, near zero."""
+    reference, *others = (str(view) for view in aligned["view"].values)
+    first = aligned.sel(view=reference, drop=True)
+    return {
+        view: estimate_view_lag(
+            first,
+            aligned.sel(view=view, drop=True),
+            points=inputs.moving,
+            search_s=4 * _SEARCH_STD_S,
+            start_std_s=_SEARCH_STD_S,
+        )
+        for view in others
+    }
+
+
+def _silent(*lags: Synchronization) -> str:
+    """Why the motion tells no lag."""
+    return f"the motion does not tell: {next((lag.status for lag in lags if not lag.ok), LagStatus.NO_MOTION)}"
+
+
+def _significant(lag: Synchronization, other: Synchronization | None = None) -> float:
+    """Size of a lag, or of the difference of two, without what its uncertainty explains [s]."""
+    value, std = lag.lag_s, lag.lag_std_s
+    if other is not None:
+        value, std = value - other.lag_s, float(np.hypot(std, other.lag_std_s))
+    return max(abs(value) - _SIGNIFICANT * std, 0.0)
+
+
+def _unknown(inputs: AuditInputs, view: str) -> bool:
+    """Whether neither motion nor session tells a view's offset."""
+    status = inputs.displacement.attrs.get(f"clock_{view}_status", LagStatus.OK)
+    of_session = next(v for v in inputs.session.view if v.name == view)
+    return status != LagStatus.OK and inputs.session.stated_offset_s(of_session) is None

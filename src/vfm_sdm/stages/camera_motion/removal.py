@@ -1,0 +1,257 @@
+"""Tracks without the motion of the cameras: of a tripod that shakes in the wind or settles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
+from vfm_sdm.core.datasets import Status, check_tracks
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
+from vfm_sdm.stages.camera_motion.estimation import MotionEstimate, compute_motion_jacobian, estimate_motion
+
+__all__ = ["CAMERA_MOTION_STATUSES", "CameraMotion", "ViewMotion", "remove_camera_motion"]
+
+CAMERA_MOTION_STATUSES = ("ok", "one static point", "still", "no gain", "no static points")
+"""What became of a view; its tracks are changed with the first two only.
+
+``ok``: static points, each predicted by the others, scatter less. ``one static point``: removed, but nothing shows that
+the point did not move itself. ``still``: the static points shift no more than their noise, or each for itself.
+``no gain``: they shift together, but not as a moving camera would make them. ``no static points``: none has a known
+depth.
+"""
+
+_SIGNIFICANT = 20.0
+"""Likelihood ratio that a still camera reaches once in 10^5 recordings (chi-square with one degree of freedom)."""
+_PREDICTED = 0.75
+"""Share of the static points' slow shifts that the others must predict; by chance, two that drift agree by half."""
+_CLEAR = 5.0
+_CLEAR_PX = 0.1
+"""A single static point has nothing to check it: its shifts must be so many times their noise, and above a drift."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewMotion:
+    """Motion of one camera, T frames on the view's own clock.
+
+    Parameters
+    ----------
+    status
+        One of `CAMERA_MOTION_STATUSES`.
+    static
+        Names of the S static points that were used.
+    rotation, rotation_std
+        Shape (T, 3) [rad], about the camera's own axes right, down and forward; NaN where no static point is seen.
+    translation, translation_std
+        Shape (T, 3) [m], along the same axes. A point at X in the axes of the camera at rest is at ``X + w x X + s``
+        in those of the moved camera, with the rotation w and the translation s; both are relative to their mean.
+    point_rms_before_px, point_rms_after_px
+        Root mean square shift of each static point from its mean, shape (S,) [px]: as tracked, and less what the other
+        static points predict. NaN for a single point.
+    """
+
+    status: str
+    static: tuple[str, ...]
+    rotation: FloatArray
+    rotation_std: FloatArray
+    translation: FloatArray
+    translation_std: FloatArray
+    point_rms_before_px: FloatArray
+    point_rms_after_px: FloatArray
+
+    @property
+    def applied(self) -> bool:
+        """Whether the motion was removed from the tracks."""
+        return self.status in {"ok", "one static point"}
+
+    @property
+    def rms_before_px(self) -> float:
+        """Shift of the static points, root mean square over points and frames [px]; NaN without any."""
+        return _root_mean_square(self.point_rms_before_px)
+
+    @property
+    def rms_after_px(self) -> float:
+        """What the other static points leave of it [px]; NaN with fewer than two."""
+        return _root_mean_square(self.point_rms_after_px)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraMotion:
+    """Tracks without the motion of the cameras, and that motion.
+
+    Parameters
+    ----------
+    tracks
+        By view name; those of a view whose motion was not removed are the very ones that were given.
+    views
+        By view name.
+    """
+
+    tracks: Mapping[str, xr.Dataset]
+    views: Mapping[str, ViewMotion]
+
+
+def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[str]) -> CameraMotion:
+    """Tracks as cameras that stand still would have seen them.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of every view of the rig on its own clock, before or after synchronisation, all with the same points.
+    rig
+        Metric cameras, at rest.
+    static
+        Names of points that do not move. Three or more, far apart in the picture and at several depths,
+        determine the motion; with two, roll and translation lean on the prior; with one, they come from it alone.
+
+    Returns
+    -------
+    motion
+        Every point's pixels less the shift that the camera's motion gives them at their own depth, with the
+        uncertainty of that shift added to ``position_covariance``. A static point is corrected by the others, so that
+        what is left of it remains a check. Where no (other) static point is seen, the position stands as tracked, with
+        the recording's usual shift in its covariance and the status ``unreliable``; so does that of a point without a
+        known depth, with its own covariance.
+
+    Raises
+    ------
+    DatasetError
+        The rig is not metric or has other views than the tracks, the views have other points than each other, or a
+        static point is not among them.
+
+    Notes
+    -----
+    Points are triangulated once, from their mean pixels; the motion is estimated frame by frame, see
+    `vfm_sdm.stages.camera_motion.estimation.estimate_motion`, linear in the shifts. That leaves about ``shift^2 / (2
+    f)`` of a shift: 0.01 px of 18 px at a focal length of 15,500 px. The motion is relative to its mean over the
+    recording, which drops out of displacement.
+
+    Nothing is changed unless the shifts are significant and, with two static points or more, each is predicted by the
+    others: of the variance of their shifts beyond noise that is white in time, three quarters have to go.
+    """
+    names = _check_inputs(tracks, rig, static)
+    positions = {view: _trusted(tracks[view]) for view in rig.names}
+    rest = np.stack([mean_of_known(positions[view]) for view in rig.names])
+    points3d = triangulate(rest, rig)
+    points3d = np.where(in_front_of_all(points3d, rig)[:, None], points3d, np.nan)
+    usable = [names.index(name) for name in static if np.isfinite(points3d[names.index(name)]).all()]
+    corrected, views = {}, {}
+    for view, camera in zip(rig.names, rig.cameras, strict=True):
+        jacobian = compute_motion_jacobian(camera, points3d)
+        corrected[view], views[view] = _remove_from_view(tracks[view], positions[view], jacobian, usable)
+    return CameraMotion({view: corrected[view] for view in tracks}, {view: views[view] for view in tracks})
+
+
+def _check_inputs(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[str]) -> list[str]:
+    """Names of the points that all views share."""
+    if not rig.metric:
+        raise DatasetError("rig: expected metres, got an unknown scale; measure the baseline")
+    if set(tracks) != set(rig.names):
+        raise DatasetError(f"tracks: expected views {list(rig.names)}, got {list(tracks)}; pass one dataset a camera")
+    names = [str(point) for point in check_tracks(tracks[rig.names[0]])["point"].values]
+    for view in rig.names[1:]:
+        found = [str(point) for point in check_tracks(tracks[view])["point"].values]
+        if found != names:
+            raise DatasetError(f"view {view!r}: expected points {names}, got {found}; retrack")
+    unknown = [name for name in static if name not in names]
+    if unknown or len(set(static)) != len(static):
+        raise DatasetError(f"static points: expected distinct names of {names}, got {list(static)}; correct them")
+    return names
+
+
+def _trusted(tracks: xr.Dataset) -> FloatArray:
+    """Positions of samples with the status ok, NaN elsewhere, shape (T, P, 2) [px]."""
+    return np.where((tracks["status"].values == Status.OK)[..., None], tracks["position"].values, np.nan)
+
+
+def _remove_from_view(
+    tracks: xr.Dataset, position: FloatArray, jacobian: FloatArray, usable: Sequence[int]
+) -> tuple[xr.Dataset, ViewMotion]:
+    """Tracks of one view without its camera's motion, and that motion."""
+    frames = len(position)
+    if not usable:
+        nothing = np.full((frames, 3), np.nan)
+        empty = np.zeros(0)
+        return tracks, ViewMotion("no static points", (), nothing, nothing, nothing, nothing, empty, empty)
+    covariance = tracks["position_covariance"].values[:, usable]
+    estimate = estimate_motion(position[:, usable], covariance, jacobian[usable])
+    seen = np.asarray(np.isfinite(position[:, usable]).all(axis=-1))
+    shift, left = _shifts(position[:, usable], seen, jacobian[usable], estimate)
+    before, after = _scatter(shift), _scatter(left)
+    if estimate.likelihood_ratio < _SIGNIFICANT:
+        status = "still"
+    elif len(usable) == 1:
+        noise_px = _root_mean_square(np.sqrt(np.einsum("tpii->tp", covariance)[seen]))
+        status = "one static point" if before[0] > max(_CLEAR * noise_px, _CLEAR_PX) else "still"
+    else:
+        status = "ok" if _predicted_share(shift, left) > _PREDICTED else "no gain"
+    found = np.asarray(seen.any(axis=1))[:, None]
+    motion = np.where(found, estimate.motion, np.nan)
+    std = np.where(found, np.sqrt(np.einsum("taa->ta", estimate.covariance)), np.nan)
+    static = tuple(str(tracks["point"].values[index]) for index in usable)
+    view = ViewMotion(status, static, motion[:, :3], std[:, :3], motion[:, 3:], std[:, 3:], before, after)
+    if not view.applied:
+        return tracks, view
+    return _corrected(tracks, jacobian, usable, seen, estimate), view
+
+
+def _shifts(
+    position: FloatArray, seen: BoolArray, jacobian: FloatArray, estimate: MotionEstimate
+) -> tuple[FloatArray, FloatArray]:
+    """Shifts of the static points from their rest, and what the others' prediction leaves of them, (T, S, 2) [px]."""
+    predicted = np.einsum("pia,pta->tpi", jacobian, estimate.motion_without)
+    if seen.shape[1] == 1:
+        return position - estimate.rest, np.full(position.shape, np.nan)
+    others = seen & (seen.sum(axis=1, keepdims=True) > 1)
+    shift = np.where(others[..., None], position - estimate.rest, np.nan)
+    return shift, shift - predicted
+
+
+def _predicted_share(shift: FloatArray, left: FloatArray) -> float:
+    """Share of the shifts' variance, beyond noise that is white in time, that the others predict; at most 1."""
+    before, after = _root_mean_square(_scatter(shift)) ** 2, _root_mean_square(_scatter(left)) ** 2
+    white = _root_mean_square(np.diff(left, axis=0)) ** 2
+    # Twice the variance of u or v, as the difference of two frames has it, is what u and v have together.
+    return (before - after) / max(before - min(white, after), np.finfo(float).tiny)
+
+
+def _scatter(shift: FloatArray) -> FloatArray:
+    """Root mean square distance from the mean over time, (T, S, 2) to (S,); NaN for a point without samples."""
+    squares = mean_of_known((shift - mean_of_known(shift)) ** 2)
+    return np.asarray(np.sqrt(squares.sum(axis=-1)))
+
+
+def _root_mean_square(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def _corrected(
+    tracks: xr.Dataset, jacobian: FloatArray, usable: Sequence[int], seen: BoolArray, estimate: MotionEstimate
+) -> xr.Dataset:
+    """The tracks less the shifts that the motion predicts, with its covariance added."""
+    shift = np.einsum("pia,ta->tpi", jacobian, estimate.motion)
+    added = np.einsum("pia,tab,pjb->tpij", jacobian, estimate.covariance, jacobian, optimize=True)
+    supported = np.repeat(np.asarray(seen.any(axis=1))[:, None], len(jacobian), axis=1)
+    for number, index in enumerate(usable):
+        J = jacobian[index]
+        shift[:, index] = estimate.motion_without[number] @ J.T
+        added[:, index] = np.einsum("ia,tab,jb->tij", J, estimate.covariance_without[number], J)
+        supported[:, index] = np.asarray(np.delete(seen, number, axis=1)).any(axis=1)
+    known = np.asarray(np.isfinite(jacobian).all(axis=(1, 2)))
+    supported &= known
+    status = tracks["status"].values
+    doubtful = ~supported & (status == Status.OK)
+    changed = tracks.copy()
+    # Without support the estimate is zero and its covariance that of the whole recording.
+    values = {
+        "position": tracks["position"].values - np.where(known[:, None], shift, 0.0),
+        "position_covariance": tracks["position_covariance"].values + np.where(known[:, None, None], added, 0.0),
+        "status": np.where(doubtful, np.int8(Status.UNRELIABLE), status),
+    }
+    for name, data in values.items():
+        changed[name] = tracks[name].copy(data=data)
+    return changed

@@ -1,0 +1,124 @@
+"""What the camera stage hands on: adjusted cameras, axes and where every point lies in every view; ``cameras.toml``."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.files import replace_file
+from vfm_sdm.errors import ResultsError
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.structure_frame import StructureFrame
+from vfm_sdm.stages.cameras.file import read_rig, write_rig
+from vfm_sdm.stages.cameras.site import SiteQuantity
+
+__all__ = ["CameraSolution", "read_solution", "write_solution"]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSolution:
+    """Result of the camera stage.
+
+    Parameters
+    ----------
+    rig
+        Metric rig; ``None`` when the images did not allow one, and then the status says why.
+    frame
+        The structure's axes, if the two distances were measured.
+    covariance
+        Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when unknown.
+    points
+        By view: by point name its pixel in the first frame; NaN where it was not found.
+    point_status
+        By view: by point name ``ok`` or why it has no position.
+    quantities, status, notes, epipolar_rms_px
+        As in `vfm_sdm.stages.cameras.site.SiteAdjustment`.
+    """
+
+    rig: Rig | None
+    frame: StructureFrame | None
+    covariance: FloatArray | None
+    points: Mapping[str, Mapping[str, tuple[float, float]]]
+    point_status: Mapping[str, Mapping[str, str]]
+    quantities: tuple[SiteQuantity, ...] = ()
+    status: str = "ok"
+    notes: tuple[str, ...] = ()
+    epipolar_rms_px: float = field(default=float("nan"))
+
+
+def write_solution(path: Path | str, solution: CameraSolution, *, key: str) -> Path:
+    """Writes ``cameras.toml``: the rig as `write_rig` does, and all else in its table ``extra``.
+
+    Parameters
+    ----------
+    path
+        File to write; replaced as a whole.
+    key
+        Identifies the inputs of the stage, to tell later whether the file is still true.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    site: dict[str, Any] = {
+        "key": key,
+        "status": solution.status,
+        "notes": list(solution.notes),
+        "epipolar_rms_px": solution.epipolar_rms_px,
+        "points": {view: {name: list(uv) for name, uv in named.items()} for view, named in solution.points.items()},
+        "point_status": {view: dict(named) for view, named in solution.point_status.items()},
+        "quantity": [asdict(q) for q in solution.quantities],
+    }
+    if solution.frame is not None:
+        site["structure_from_cam1"] = solution.frame.rotation.tolist()
+    if solution.covariance is not None:
+        site["covariance"] = solution.covariance.tolist()
+    if solution.rig is not None:
+        write_rig(path, solution.rig, extra=site)
+        return Path(path)
+    with replace_file(path) as temporary:
+        temporary.write_text(tomli_w.dumps({"extra": site}), encoding="utf-8")
+    return Path(path)
+
+
+def read_solution(path: Path | str) -> tuple[CameraSolution, str]:
+    """The solution and its key from ``cameras.toml``.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, or is not one that `write_solution` wrote.
+    """
+    file = Path(path)
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        site = table["extra"]
+        covariance = np.array(site["covariance"]) if "covariance" in site else None
+        frame = None
+        if "structure_from_cam1" in site:
+            turn = covariance[-3:, -3:] if covariance is not None else np.zeros((3, 3))
+            frame = StructureFrame(np.array(site["structure_from_cam1"]), turn)
+        solution = CameraSolution(
+            read_rig(file) if len(table) > 1 else None,
+            frame,
+            covariance,
+            {view: {n: (uv[0], uv[1]) for n, uv in named.items()} for view, named in site["points"].items()},
+            site["point_status"],
+            quantities=tuple(SiteQuantity(**q) for q in site["quantity"]),
+            status=site["status"],
+            notes=tuple(site["notes"]),
+            epipolar_rms_px=site["epipolar_rms_px"],
+        )
+    except FileNotFoundError as error:
+        raise ResultsError(f"{file}: expected cameras.toml, got no such file; run `vfm-sdm cameras` first") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise ResultsError(
+            f"{file}: expected a file written by `vfm-sdm cameras`, got {error}; delete it and run the stage again"
+        ) from error
+    return solution, str(site["key"])

@@ -1,0 +1,99 @@
+"""VGGT as a camera estimator (section VFM-based sparse-view camera parameter estimation)."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.inputs.session import Network, Session, first_color_frames
+from vfm_sdm.networks.availability import choose_weights, require_torch
+from vfm_sdm.networks.vggt.pose import decode_pose
+from vfm_sdm.networks.weights import weights_id
+from vfm_sdm.stages.cameras.base import CameraEstimate
+from vfm_sdm.stages.cameras.priors import read_priors
+from vfm_sdm.stages.cameras.two_view import relate_to_first
+from vfm_sdm.stages.matching.network_view import network_view
+
+if TYPE_CHECKING:
+    from vfm_sdm.networks.vggt.inference import VggtInference
+
+__all__ = ["NOT_A_CAMERA", "ONE_PLACE", "VggtCameras"]
+
+NOT_A_CAMERA = "VGGT gave no field of view or no rotation"
+ONE_PLACE = "VGGT put the first two cameras in one place"
+_FOCAL_STD, _ROTATION_STD_RAD, _POSITION_STD = 0.05, 0.035, 0.1
+"""How far VGGT may be off: focal length (relative), rotation, position over the baseline. Assumptions; not measured."""
+_MIN_BASELINE = 1e-3  # in VGGT's unit, the mean distance of what it sees: half a pixel of its images
+
+
+class VggtCameras:
+    """Estimator ``vggt``.
+
+    Parameters
+    ----------
+    network
+        Which weights, and where they run.
+
+    Raises
+    ------
+    BackendUnavailableError
+        PyTorch or the weights are not here.
+
+    Notes
+    -----
+    The result is a prior: its focal lengths are fused with what is known of the lenses, and its poses have a standard
+    deviation, so that the adjustment on site lets baseline, distances and feature matches correct them.
+    """
+
+    name = "vggt"
+
+    def __init__(self, *, network: Network | None = None) -> None:
+        require_torch("cameras vggt")
+        self.network = network or Network()
+        self.weights = choose_weights("cameras", self.name, self.network.weights)
+        self.weights_id = weights_id(self.weights)
+
+    @cached_property
+    def inference(self) -> "VggtInference":
+        """The network, loaded when it is first used."""
+        from vfm_sdm.networks.vggt.inference import VggtInference  # noqa: PLC0415  (PyTorch is optional)
+
+        where = self.network
+        return VggtInference.load(str(self.weights), device=where.device, precision=where.precision, camera=True)
+
+    def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
+        """Rig with the tape's baseline, prior covariance, and matches that agree with a pose; views in any number.
+
+        Parameters
+        ----------
+        session, frames
+            As in `CameraEstimator`; the recordings are opened for their colours.
+
+        Raises
+        ------
+        CameraError
+            Fewer than two views, or no baseline in the session.
+        """
+        priors = read_priors(session, frames, estimator=self.name)
+        colors = first_color_frames(session)
+        images, canvases = network_view([colors[name] for name in frames])
+        poses, intrinsics = decode_pose(self.inference.estimate_poses(images), (images.shape[2], images.shape[1]))
+        # Each axis was resized by itself.
+        focal = intrinsics[:, [0, 1], [0, 1]] / [[canvas.region.scale_u, canvas.region.scale_v] for canvas in canvases]
+        if not (np.isfinite(focal).all() and np.isfinite(poses).all()):
+            return CameraEstimate(None, (), NOT_A_CAMERA, (*priors.notes, "use another camera estimator"))
+        priors = priors.fused(focal, relative_std=_FOCAL_STD, source="VGGT")
+        posed = [replace(c, cam_from_world=pose) for c, pose in zip(priors.cameras, poses, strict=True)]
+        rig = Rig.from_world(priors.names, posed, metric=False)
+        if rig.baseline() < _MIN_BASELINE:
+            return CameraEstimate(None, (), ONE_PLACE, (*priors.notes, "use another camera estimator"))
+        rig = priors.metric_rig(rig.cameras, rotation_std_rad=_ROTATION_STD_RAD, position_std=_POSITION_STD)
+        related = list(relate_to_first(frames, priors.cameras))
+        matches = tuple(view.matches for view in related if not view.fault)
+        return CameraEstimate(
+            rig, matches, priors.status, (*priors.notes, *(view.fault for view in related if view.fault))
+        )

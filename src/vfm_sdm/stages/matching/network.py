@@ -1,0 +1,62 @@
+"""Points carried from one view to another by a network's tracker (section VFM-based marker-free 2D point-tracking)."""
+
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.inputs.video import Region, RgbArray
+from vfm_sdm.networks.interface import SEEN, ChunkNetwork, RgbFrames
+from vfm_sdm.stages.matching.network_view import network_view
+
+__all__ = ["locate_points"]
+
+
+def locate_points(
+    network: ChunkNetwork,
+    first: RgbArray,
+    second: RgbArray,
+    points2d: FloatArray,
+    *,
+    side_px: int = 294,
+    multiple: int = 14,
+) -> FloatArray:
+    """Where points of one view lie in another, shape (P, 2) [px]; NaN where they are not seen.
+
+    Parameters
+    ----------
+    network
+        What follows them.
+    first, second
+        First frames of the two views in colour, shape (height, width, 3).
+    points2d
+        In the first view, shape (P, 2) [px].
+    side_px, multiple
+        Side of the patches around them, and of what it is a multiple [px].
+
+    Raises
+    ------
+    MemoryError
+        Two pictures do not fit.
+
+    Notes
+    -----
+    Both pictures are two frames of one sequence. The paper crops the region of the second view by hand; here the whole
+    frames, reduced, tell where it is, and patches at full resolution then tell the point.
+    """
+    view, (in_first, in_second) = network_view([first, second])
+    rough = in_second.to_full(_carried(network, view, in_first.from_full(points2d)))
+    found = np.full(points2d.shape, np.nan)
+    height, width = second.shape[:2]
+    shortest = np.minimum(first.shape[1::-1], second.shape[1::-1])
+    sides = (np.minimum(side_px, shortest) // multiple * multiple).tolist()
+    for row in np.flatnonzero(((rough >= 0) & (rough <= [width - 1, height - 1])).all(axis=1)):
+        here = Region.around(points2d[row], (sides[0], sides[1]), (first.shape[1], first.shape[0]))
+        there = Region.around(rough[row], (sides[0], sides[1]), (width, height))
+        pictures = np.stack([here.crop(first), there.crop(second)])
+        found[row] = there.to_full(_carried(network, pictures, here.from_full(points2d[row : row + 1])))[0]
+    return found
+
+
+def _carried(network: ChunkNetwork, pictures: RgbFrames, queries: FloatArray) -> FloatArray:
+    """Places (N, 2) in the second picture of points of the first; NaN where the network calls them hidden."""
+    tracks = network.follow(pictures, queries)
+    return np.where(tracks.visibility[1, :, None] >= SEEN, tracks.positions[1], np.nan)

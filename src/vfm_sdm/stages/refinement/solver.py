@@ -1,0 +1,150 @@
+"""Gauss-Newton iteration of the refinement, for many points of one uncertain view at a time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.triangulation import triangulate_with_slope, view_equations
+from vfm_sdm.stages.refinement.objective import Objective, SgrWeights, make_objective
+
+__all__ = ["Minimum", "PointTriangulation", "find_minimum"]
+
+_STEP_TOLERANCE_PX = 1e-3
+"""Convergence is quadratic: after a step of this size about a thousandth of its square is left."""
+_RISE = 1e-12
+"""Relative rise of the objective that is rounding."""
+_FREQUENCIES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where the iteration of P points of T frames ended.
+
+    Parameters
+    ----------
+    correction
+        Of the pixel coordinate u, shape (P, T) [px]; zero where not valid.
+    valid
+        Samples that took part, shape (P, T).
+    cost, iterations, converged
+        Objective, steps, and whether the last step was below tolerance, shape (P,).
+    direction
+        Displacement that a unit of baseline motion along the suppressed axis loses, shape (P, 3) [1], axes in the
+        order of the objective: the first entry is the share of the assumption.
+    """
+
+    correction: FloatArray
+    valid: BoolArray
+    cost: FloatArray
+    iterations: IntArray
+    converged: BoolArray
+    direction: FloatArray
+
+
+class PointTriangulation:
+    """Positions of P points in T frames as functions of a correction of u in one of two views.
+
+    Parameters
+    ----------
+    pixels
+        Shape (2, T, P, 2) [px].
+    rig
+        Two cameras.
+    axes
+        Rotation from the first camera's frame to the axes of the positions, shape (3, 3).
+    view
+        Index of the corrected view.
+    """
+
+    def __init__(self, pixels: FloatArray, rig: Rig, axes: FloatArray, view: int) -> None:
+        by_point = np.ascontiguousarray(pixels.transpose(0, 2, 1, 3))
+        self.shape: tuple[int, int] = by_point.shape[1:3]
+        self.u = by_point[view, ..., 0]
+        self._pixels = by_point[view].reshape(-1, 2)
+        self._rig, self._axes, self._view = rig, axes, view
+        reference = rig.cameras[1 - view]
+        self._fixed = view_equations(reference, reference.normalize(by_point[1 - view].reshape(-1, 2)))
+
+    def __call__(self, correction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions and their change with u, both (3, P, T), at a correction (P, T).
+
+        NaN where a pixel is missing, the rays are nearly parallel, or the point is behind a camera.
+        """
+        pixels = self._pixels.copy()
+        pixels[:, 0] += correction.ravel()
+        camera = self._rig.cameras[self._view]
+        normalized = camera.normalize(pixels)
+        moved = view_equations(camera, normalized)
+        pair = (self._fixed, moved) if self._view else (moved, self._fixed)
+        points3d, slope = triangulate_with_slope(pair, camera, normalized, view=self._view)
+        for c in self._rig.cameras:
+            depth = c.rotation[2] @ points3d + c.translation[2]
+            points3d[:, ~(depth > 0)] = np.nan
+        return (self._axes @ points3d).reshape(3, *self.shape), (self._axes @ slope).reshape(3, *self.shape)
+
+
+def find_minimum(
+    triangulation: PointTriangulation,
+    position: FloatArray,
+    slope: FloatArray,
+    *,
+    valid: BoolArray,
+    reference: BoolArray,
+    weights: SgrWeights,
+    max_iterations: int,
+) -> Minimum:
+    """Corrections that make the objective of each point least.
+
+    Parameters
+    ----------
+    triangulation
+        Of the points.
+    position, slope
+        Its value without correction: the baseline, shape (3, P, T).
+    valid, reference
+        Samples that take part, and those whose mean is the origin of displacement, shape (P, T).
+    weights, max_iterations
+        See `SgrSettings`.
+    """
+    slope = np.where(valid, slope, 0.0)
+    objective = make_objective(position, slope, triangulation.u, valid, reference=reference, weights=weights)
+    direction = _lost_motion(objective, slope)
+    correction = np.zeros(triangulation.shape)
+    cost = objective.cost(position, correction)
+    points = len(cost)
+    damping = np.ones(points)
+    converged, iterations = np.zeros(points, dtype=bool), np.zeros(points, dtype=np.int64)
+    for _ in range(max_iterations):
+        iterations[~converged] += 1
+        gradient, diagonal, beside = objective.normal_equations(position, slope, correction)
+        # One chain holds all points: the couplings between the end of one and the start of the next are zero.
+        step = solveh_banded(np.stack([beside.ravel(), diagonal.ravel()]), -gradient.ravel(), check_finite=False)
+        step = step.reshape(correction.shape)
+        converged |= np.abs(step).max(axis=1) < _STEP_TOLERANCE_PX
+        if converged.all():
+            # So near the minimum the quadratic model is exact; it saves the last triangulation.
+            correction = correction + step
+            cost = cost + np.einsum("pt,pt->p", gradient, step)
+            break
+        trial = correction + damping[:, None] * step
+        trial_position, trial_slope = triangulation(trial)
+        trial_cost = objective.cost(trial_position, trial)
+        better = trial_cost <= cost * (1 + _RISE)
+        damping = np.where(better, np.minimum(1.0, 2 * damping), 0.5 * damping)
+        cost = np.where(better, trial_cost, cost)
+        correction = np.where(better[:, None], trial, correction)
+        position = np.where(better[:, None], trial_position, position)
+        slope = np.where(better[:, None] & valid, trial_slope, slope)
+    return Minimum(correction, valid, cost, iterations, converged, direction)
+
+
+def _lost_motion(objective: Objective, slope: FloatArray) -> FloatArray:
+    """See `Minimum.direction`: ``S g / g_z`` of the linearised problem, averaged over the frequencies, (P, 3)."""
+    mean = slope.sum(axis=2) / objective.valid.sum(axis=1)
+    frequency = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
+    stiffness = objective.level + objective.rate * 4 * np.sin(np.pi * frequency) ** 2
+    resistance = (mean[..., None] ** 2 * stiffness).sum(axis=0) + objective.pixel
+    return np.asarray((mean * np.mean(mean[0, :, None] * stiffness[0] / resistance, axis=1)).T)

@@ -1,0 +1,62 @@
+"""Where a subset may be, to the pixel: peaks of the normalised cross-correlation around a place."""
+
+import cv2
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+
+__all__ = ["correlation_peaks", "cut_subset"]
+
+_SEPARATION_PX = 2  # two peaks are told apart when neither lies within this of the other
+_RANGE = 0.4
+"""Peaks lower than the best by more are left out. Between the pixels a fine texture may correlate that much better."""
+
+
+def cut_subset(image: LumaArray, center: IntArray, half: int) -> LumaArray:
+    """The square of side 2 half + 1 around a pixel (u, v) of the image."""
+    u, v = int(center[0]), int(center[1])
+    return image[v - half : v + half + 1, u - half : u + half + 1].copy()
+
+
+def correlation_peaks(
+    subset: LumaArray, image: LumaArray, place: FloatArray, *, radius_px: int, count: int
+) -> FloatArray:
+    """The highest peaks of the zero-normalised cross-correlation of a subset with an image around a place.
+
+    Parameters
+    ----------
+    subset
+        Shape (S, S), S odd.
+    image
+        Shape (H, W).
+    place
+        Centre of the search (u, v) [px].
+    radius_px
+        Search radius along each axis.
+    count
+        Largest number of peaks.
+
+    Returns
+    -------
+    centers
+        Pixels where the subset's centre would lie, shape (K, 2), best first; empty where the search area does not
+        hold the subset.
+    """
+    size = subset.shape[0]
+    half = size // 2
+    height, width = image.shape
+    u, v = int(np.floor(place[0] + 0.5)), int(np.floor(place[1] + 0.5))
+    left, top = max(u - radius_px - half, 0), max(v - radius_px - half, 0)
+    area = image[top : min(v + radius_px + half + 1, height), left : min(u + radius_px + half + 1, width)]
+    if min(area.shape) < size:
+        return np.empty((0, 2))
+    kind = np.uint8 if image.dtype == np.uint8 else np.float32  # matchTemplate knows no others
+    response = cv2.matchTemplate(
+        np.ascontiguousarray(area, dtype=kind), np.ascontiguousarray(subset, dtype=kind), cv2.TM_CCOEFF_NORMED
+    )
+    window = np.ones((2 * _SEPARATION_PX + 1, 2 * _SEPARATION_PX + 1), np.uint8)
+    rows, columns = np.nonzero(response >= cv2.dilate(response, window))
+    height_of = response[rows, columns]
+    best = np.argsort(-height_of, kind="stable")[:count]
+    best = best[height_of[best] >= height_of.max(initial=-1) - _RANGE]
+    return np.column_stack([columns[best] + left + half, rows[best] + top + half]).astype(np.float64)

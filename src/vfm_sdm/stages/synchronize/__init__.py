@@ -1,0 +1,15 @@
+"""One clock for all views and sensors: how their clocks differ, and tracks brought to the reference view's stamps."""
+
+from vfm_sdm.stages.synchronize.alignment import align_views
+from vfm_sdm.stages.synchronize.lag import LagStatus, Synchronization, estimate_lag
+from vfm_sdm.stages.synchronize.recordings import estimate_sensor_lag, estimate_view_lag, synchronize_views
+
+__all__ = [
+    "LagStatus",
+    "Synchronization",
+    "align_views",
+    "estimate_lag",
+    "estimate_sensor_lag",
+    "estimate_view_lag",
+    "synchronize_views",
+]

@@ -1,0 +1,87 @@
+"""A network finds and follows, subset registration polishes: sub-pixel positions with covariance, and two witnesses."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import Status
+from vfm_sdm.inputs.session import Network
+from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.tracking.base import find_tracker
+from vfm_sdm.stages.tracking.icgn import IcgnTracker
+from vfm_sdm.stages.tracking.inputs import check_counts
+
+__all__ = ["PolishedTracker"]
+
+
+class PolishedTracker:
+    """Trackers ``vggt+icgn`` and ``tapir+icgn``.
+
+    Parameters
+    ----------
+    follower
+        Name of the tracker that goes ahead.
+    subset_px
+        Side of the registered subsets, odd [px].
+    network
+        Settings of the follower.
+    agreement_px
+        Where both are further apart, a sample is unreliable [px].
+
+    Raises
+    ------
+    BackendUnavailableError
+        The follower cannot run here.
+    SessionError
+        A setting is out of its range.
+
+    Notes
+    -----
+    Every frame's registration starts where the network saw the point, or where the network saw nothing, where the point
+    was last. Positions and covariances are those of the registration. What both disagree on is not averaged:
+    ``disagreement`` (time, point) [px] is their distance; beyond ``agreement_px``, or where only the registration found
+    the point, the status is ``unreliable``.
+    """
+
+    def __init__(
+        self, *, follower: str, subset_px: int = 41, network: Network | None = None, agreement_px: float = 1.0
+    ) -> None:
+        self.name = f"{follower}+icgn"
+        check_counts(self.name, agreement_px=agreement_px)
+        self.follower = find_tracker(follower, network=network)
+        self.polisher = IcgnTracker(subset_px=subset_px)
+        self.agreement_px = agreement_px
+
+    @property
+    def weights_id(self) -> str:
+        """Which weights the follower has."""
+        return str(getattr(self.follower, "weights_id", ""))
+
+    def track(
+        self,
+        video: Video,
+        points2d: FloatArray,
+        *,
+        names: Sequence[str],
+        reference_frame: int = 0,
+        progress: Callable[[int], None] | None = None,
+    ) -> xr.Dataset:
+        """Tracks of named points; the video is read twice."""
+        shown = None if progress is None else lambda done: progress((done + 1) // 2)
+        coarse = self.follower.track(video, points2d, names=names, reference_frame=reference_frame, progress=shown)
+        expected = coarse["position"].values
+        count = len(expected)
+        shown = None if progress is None else lambda done: progress((count + 1) // 2 + done - (done + 1) // 2)
+        tracks = self.polisher.track(
+            video, points2d, names=names, reference_frame=reference_frame, progress=shown, expected=expected
+        )
+        disagreement = np.linalg.norm(tracks["position"].values - expected, axis=2)
+        status = tracks["status"]
+        doubtful = (status.values == Status.OK) & ~(disagreement <= self.agreement_px)
+        tracks["status"] = status.copy(data=np.where(doubtful, np.int8(Status.UNRELIABLE), status.values))
+        kept = {name: coarse.attrs[name] for name in ("preset", "weights", "precision") if name in coarse.attrs}
+        return tracks.assign(disagreement=(("time", "point"), disagreement, {"units": "px"})).assign_attrs(
+            tracker=self.name, **kept
+        )
