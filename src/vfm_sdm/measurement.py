@@ -18,6 +18,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.netcdf import read_tracks, write_tracks
+from vfm_sdm.core.registry import make
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.inputs.session import Session, file_hash, open_views, session_hash, write_session
 from vfm_sdm.inputs.video import Video
@@ -37,7 +38,7 @@ from vfm_sdm.pipeline import Progress, audit_of, displacement_of, solve_cameras,
 from vfm_sdm.stages.audit import Audit
 from vfm_sdm.stages.cameras.base import estimator_of
 from vfm_sdm.stages.cameras.solution import CameraSolution, read_solution, write_solution
-from vfm_sdm.stages.tracking.base import find_tracker, tracker_of
+from vfm_sdm.stages.tracking.base import tracker_of
 
 __all__ = ["Measurement", "Run", "measure"]
 
@@ -250,8 +251,7 @@ class Run:
         """Which weights the networks of each stage have; to know them, every back end is looked up."""
         method = self.session.resolved_method
         stages: dict[str, list[object]] = {"cameras": [estimator_of(method)], "tracking": [tracker_of(method)]}
-        if method.correspondence == "vggt":
-            stages["cameras"].append(find_tracker("vggt", network=method.network))
+        stages["cameras"].append(make("matchers", method))
         return {
             stage: [str(part.weights_id) for part in parts if hasattr(part, "weights_id")]
             for stage, parts in stages.items()

@@ -6,15 +6,15 @@ from itertools import permutations
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.registry import make
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Point, Session, first_color_frames
+from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.correspondence import NOT_FOUND, NOT_RETURNED, OK, Surface, find_correspondences
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
-from vfm_sdm.stages.matching.network import locate_points
-from vfm_sdm.stages.tracking.vggt import VggtTracker
 
 __all__ = ["transfer_on_face", "transfer_points"]
 
@@ -40,7 +40,7 @@ def transfer_points(
     """
     views = list(frames)
     matches = matches or _features_near(rig, list(frames.values()))
-    located = _located_by_network(session, views)
+    located = _located(session, views)
     pixels = {p.name: np.full((len(views), 2), np.nan) for p in session.point}
     states: dict[str, dict[str, str]] = {p.name: {} for p in session.point}
     for source, source_view in enumerate(views):
@@ -119,18 +119,18 @@ def transfer_on_face(
     return any_found
 
 
-def _located_by_network(session: Session, views: Sequence[str]) -> dict[str, dict[str, FloatArray]]:
-    """Pixels (2,) by point and view where VGGT's tracker sees the points, if the session asks it."""
+def _located(session: Session, views: Sequence[str]) -> dict[str, dict[str, FloatArray]]:
+    """Pixels (2,) by point and view where the matcher that the session asks for sees the points."""
     located: dict[str, dict[str, FloatArray]] = {p.name: {} for p in session.point}
-    if session.method.correspondence != "vggt":
+    matcher: PointMatcher | None = make("matchers", session.resolved_method)
+    if matcher is None:
         return located
-    network = VggtTracker(network=session.resolved_method.network).inference
     colors = first_color_frames(session)
     for source, target in permutations(views, 2):
         named = [p for p in session.point if p.view == source]
         if not named:
             continue
-        places = locate_points(network, colors[source], colors[target], np.array([p.pixel for p in named]))
+        places = matcher.locate(colors[source], colors[target], np.array([p.pixel for p in named]))
         for p, place in zip(named, places, strict=True):
             if np.isfinite(place).all():
                 located[p.name][target] = place
