@@ -11,7 +11,11 @@ from importlib import import_module
 from operator import attrgetter
 from typing import Any, Literal
 
-__all__ = ["BUILT_IN", "KINDS", "Kind", "KindInfo", "Needs", "Part", "Requirement"]
+from pydantic import BaseModel, ConfigDict
+
+from vfm_sdm.errors import BackendUnavailableError, VfmSdmError
+
+__all__ = ["BUILT_IN", "KINDS", "Kind", "KindInfo", "Needs", "Part", "PartSettings", "Requirement"]
 
 Kind = Literal["trackers", "cameras", "matchers", "features", "writers", "checks"]
 
@@ -55,6 +59,16 @@ KINDS: Mapping[Kind, KindInfo] = {
 }
 
 
+class PartSettings(BaseModel):
+    """A part's own table ``[method.NAME]`` of a session; parts with settings derive their model from it.
+
+    It is frozen, and unknown keys are refused. Relative paths in fields of the type ``Path`` start at the session's
+    folder.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
 @dataclass(frozen=True)
 class Needs:
     """What a part needs beyond the core.
@@ -93,8 +107,8 @@ class Part:
     chooses
         Kinds of which the session names a part for it; the constructor takes it by the name of the kind.
     settings
-        ``module:attribute`` of the pydantic model of its own table ``[method.NAME]``, which the constructor takes as
-        ``settings``; empty where it has none.
+        ``module:attribute`` of the model of its own table ``[method.NAME]``, a `PartSettings`, which the constructor
+        takes as ``settings``; empty where it has none.
     needs
         Packages and weights.
     requires
@@ -130,14 +144,28 @@ class Part:
         BackendUnavailableError
             It cannot run here.
         """
-        made = self.load()
-        if self.settings and "settings" not in options:
-            options["settings"] = self.settings_model()()
-        return None if made is None else made(**self.fixed, **options)
+        made, model = self.load(), self.settings_model()
+        if model is not None:
+            options["settings"] = options["settings"] if "settings" in options else model()
+        if made is None:
+            return None
+        try:
+            return made(**self.fixed, **options)
+        except VfmSdmError:
+            raise
+        except Exception as error:
+            if not self.distribution:
+                raise
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise BackendUnavailableError(
+                f"{self.target} of {self.distribution}: expected it to take {sorted(options)}, got {reason}; "
+                "repair or uninstall that package"
+            ) from error
 
-    def settings_model(self) -> Any:
-        """The pydantic model of its own table; ``None`` where it has none."""
-        return _load(self.settings)
+    def settings_model(self) -> type[PartSettings] | None:
+        """The model of its own table; ``None`` where it has none."""
+        model: type[PartSettings] | None = _load(self.settings)
+        return model
 
 
 def _load(target: str) -> Any:

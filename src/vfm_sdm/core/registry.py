@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from vfm_sdm.core.parts import BUILT_IN, KINDS, Kind, Part
+from vfm_sdm.core.parts import BUILT_IN, KINDS, Kind, Part, PartSettings
 from vfm_sdm.core.plugins import announced, load_plugin, origin
 from vfm_sdm.errors import BackendUnavailableError
 
@@ -26,6 +26,7 @@ __all__ = [
     "parts_of",
     "settings_model",
     "settings_read",
+    "table_names",
 ]
 
 
@@ -115,8 +116,8 @@ def make(kind: Kind, method: object) -> Any:
     reads = {read for one in parts_of(kind, name).values() for read in one.reads}
     options = {root: _only(root, reads, method, name) for root in sorted({read.partition(".")[0] for read in reads})}
     options |= {other: make(other, method) for other in part.chooses}
-    if part.settings:
-        options["settings"] = _table(name, part, method)
+    if (table := _table(name, part, method)) is not None:
+        options["settings"] = table
     return part.make(**options)
 
 
@@ -134,8 +135,8 @@ def settings_read(kind: Kind, method: object) -> dict[str, Any]:
     for (_, name), part in parts_of(kind, chosen_name(kind, method), method).items():
         settings |= {KINDS[other].field: chosen_name(other, method) for other in part.chooses}
         settings |= {read: _plain(_field(method, read, name)) for read in part.reads}
-        if part.settings:
-            settings[name] = _plain(_table(name, part, method))
+        if (table := _table(name, part, method)) is not None:
+            settings[name] = _plain(table)
     return settings
 
 
@@ -156,7 +157,14 @@ def code_modules(kind: Kind, name: str, method: object | None = None) -> tuple[s
     return tuple(sorted({text for part in parts for text in (part.module, part.distribution) if text}))
 
 
-def settings_model(name: str) -> type[BaseModel] | None:
+def table_names() -> list[str]:
+    """Names of parts that may have a table of their own in ``[method]``; nothing is imported."""
+    kinds = [kind for kind, info in KINDS.items() if info.field]
+    own = {name for kind in kinds for name, part in BUILT_IN[kind].items() if part.settings}
+    return sorted(own.union(*(announced(kind) for kind in kinds)))
+
+
+def settings_model(name: str) -> type[PartSettings] | None:
     """The model of the table ``[method.NAME]``; ``None`` where no part of this name has one.
 
     Raises
@@ -193,11 +201,13 @@ def _field(method: object, dotted: str, name: str) -> Any:
         ) from error
 
 
-def _table(name: str, part: Part, method: object) -> BaseModel:
-    """The part's own table, or its defaults where the session has none."""
-    tables: Mapping[str, Any] = getattr(method, "model_extra", None) or {}
-    made: BaseModel = tables[name] if name in tables else part.settings_model()()
-    return made
+def _table(name: str, part: Part, method: object) -> PartSettings | None:
+    """The part's own table, or its defaults where the session has none; ``None`` where the part takes none."""
+    model = part.settings_model()
+    if model is None:
+        return None
+    tables: Mapping[str, PartSettings] = getattr(method, "model_extra", None) or {}
+    return tables[name] if name in tables else model()
 
 
 def _plain(value: Any) -> Any:
