@@ -232,7 +232,6 @@ def test_a_second_run_does_nothing_again_and_writes_the_same_tables(benchmark, c
     for stage in ("vfm_sdm.measurement.solve_cameras", "vfm_sdm.measurement.track_views"):
         monkeypatch.setattr(stage, refuse)
     monkeypatch.setattr("vfm_sdm.studies.synthetic.field_test.film_view", refuse)
-    monkeypatch.setattr("vfm_sdm.studies.protocol.runs.TemplateTracker", refuse)
     monkeypatch.setattr("vfm_sdm.studies.protocol.benchmark.save_protocol_figures", lambda *_args: [])
     again = run_benchmark(copy, names=("data-2",), sensitivity=False)
     same = [*COMPARISONS, *(name for name in OTHERS if name != "cost")]

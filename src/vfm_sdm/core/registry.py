@@ -116,15 +116,16 @@ def make(kind: Kind, method: object) -> Any:
     reads = {read for one in parts_of(kind, name).values() for read in one.reads}
     options = {root: _only(root, reads, method, name) for root in sorted({read.partition(".")[0] for read in reads})}
     options |= {other: make(other, method) for other in part.chooses}
-    if (table := _table(name, part, method)) is not None:
-        options["settings"] = table
+    if part.settings and name in _tables(method):
+        options["settings"] = _tables(method)[name]
     return part.make(**options)
 
 
 def settings_read(kind: Kind, method: object) -> dict[str, Any]:
     """Every setting of ``[method]`` that the chosen part and those it is made of read, by dotted name, as for JSON.
 
-    The name of the part is among them; a table of its own is under the part's name.
+    The name of the part is among them; a table of its own is under the part's name, unless the session has none, which
+    stands for its defaults.
 
     Raises
     ------
@@ -135,25 +136,25 @@ def settings_read(kind: Kind, method: object) -> dict[str, Any]:
     for (_, name), part in parts_of(kind, chosen_name(kind, method), method).items():
         settings |= {KINDS[other].field: chosen_name(other, method) for other in part.chooses}
         settings |= {read: _plain(_field(method, read, name)) for read in part.reads}
-        if (table := _table(name, part, method)) is not None:
-            settings[name] = _plain(table)
+        if part.settings and name in _tables(method):
+            settings[name] = _plain(_tables(method)[name])
     return settings
 
 
-def code_modules(kind: Kind, name: str, method: object | None = None) -> tuple[str, ...]:
-    """Modules that hold the code of a part and of those it is made of; of another package, its name and version too.
-
-    Parameters
-    ----------
-    kind, name, method
-        As in `parts_of`.
+def code_modules(kind: Kind, method: object) -> tuple[str, ...]:
+    """Modules with the code of the chosen part and of those it is made of; of another package, name and version too.
 
     Returns
     -------
     modules
         Dotted names, and for every package that brings one of the parts ``name version``, the only ones with a space.
+
+    Raises
+    ------
+    BackendUnavailableError
+        A part is unknown or broken.
     """
-    parts = parts_of(kind, name, method).values()
+    parts = parts_of(kind, chosen_name(kind, method), method).values()
     return tuple(sorted({text for part in parts for text in (part.module, part.distribution) if text}))
 
 
@@ -201,13 +202,9 @@ def _field(method: object, dotted: str, name: str) -> Any:
         ) from error
 
 
-def _table(name: str, part: Part, method: object) -> PartSettings | None:
-    """The part's own table, or its defaults where the session has none; ``None`` where the part takes none."""
-    model = part.settings_model()
-    if model is None:
-        return None
-    tables: Mapping[str, PartSettings] = getattr(method, "model_extra", None) or {}
-    return tables[name] if name in tables else model()
+def _tables(method: object) -> Mapping[str, PartSettings]:
+    """Parts' own tables in ``[method]`` by the parts' names."""
+    return getattr(method, "model_extra", None) or {}
 
 
 def _plain(value: Any) -> Any:
