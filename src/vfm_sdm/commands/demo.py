@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vfm_sdm.analysis.evaluation import Evaluation, evaluate_run
+from vfm_sdm.core.datasets import STRUCTURE_AXES
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
@@ -49,5 +50,5 @@ def run_demo(folder: Path | str, *, seed: int = 1, progress: Progress | None = N
     measurement = measure(read_session(session), run_folder, progress=progress)
     evaluation = None
     if measurement.displacement is not None:
-        evaluation = evaluate_run(run_folder, session.parent / "truth.nc")
+        evaluation = evaluate_run(run_folder, session.parent / "truth.nc", axes=STRUCTURE_AXES)
     return DemoResult(measurement, evaluation, run_folder)

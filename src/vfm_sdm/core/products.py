@@ -154,6 +154,22 @@ class Chain(Generic[S]):
         self._asking: list[Product[Any]] = []
         self._inside_s: list[float] = []
 
+    def given(self, **products: Any) -> Self:
+        """The chain with some of its products given instead of made: tracks of another program, known cameras.
+
+        Raises
+        ------
+        ValueError
+            There is no such product, or the chain keeps its products in a folder, where nothing tells what the given
+            ones were made of.
+        """
+        unknown = set(products) - set(self.products())
+        if unknown or self.folder is not None:
+            got = f"unknown {sorted(unknown)}" if unknown else f"a chain in {self.folder}"
+            raise ValueError(f"given: expected products {self.products()} of a chain in memory, got {got}; correct it")
+        self._values.update(products)
+        return self
+
     def inputs_of(self, settings: S) -> Mapping[str, str]:
         """Hashes of the files that settings name, by what the key calls them; none here."""
         del settings
