@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
+from vfm_sdm.geometry.poses import pose_array, rigid_transform
 
 __all__ = ["CAMERA_PARAMETERS", "Camera", "Rig", "distort", "distort_derivative", "undistort"]
 
@@ -221,12 +222,10 @@ class Rig:
     @classmethod
     def from_world(cls, names: Sequence[str], cameras: Sequence[Camera], *, metric: bool) -> "Rig":
         """A rig from cameras in any common world frame, moved so that the first camera is the origin."""
-        first = cameras[0]
-        moved = []
-        for c in cameras:
-            R = c.rotation @ first.rotation.T
-            moved.append(replace(c, cam_from_world=np.column_stack([R, c.translation - R @ first.translation])))
-        return cls(tuple(names), tuple(moved), metric)
+        world_from_first = rigid_transform(cameras[0].cam_from_world).inv()
+        poses = [pose_array(rigid_transform(c.cam_from_world) * world_from_first) for c in cameras]
+        moved = tuple(replace(c, cam_from_world=pose) for c, pose in zip(cameras, poses, strict=True))
+        return cls(tuple(names), moved, metric)
 
 
 def distort(normalized: FloatArray, coefficients: FloatArray) -> FloatArray:
