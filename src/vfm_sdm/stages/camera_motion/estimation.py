@@ -6,7 +6,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
-from vfm_sdm.geometry.camera import Camera, distort_derivative
+from vfm_sdm.geometry.camera import Camera
+from vfm_sdm.geometry.distortion import distort_derivative
 
 __all__ = ["LEVER_ARM_M", "MotionEstimate", "compute_motion_jacobian", "estimate_motion"]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.geometry.camera import distort, distort_derivative
+from vfm_sdm.geometry.distortion import distort, distort_derivative
 
 __all__ = ["CAMERA_SIZE", "INTRINSICS", "BoardScene", "linearize"]
 
