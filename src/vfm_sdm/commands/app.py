@@ -25,14 +25,14 @@ from vfm_sdm.analysis.evaluation import evaluate_run, read_sensors, write_evalua
 from vfm_sdm.commands import tables as reports
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
+from vfm_sdm.core.progress import Progress as Callback
 from vfm_sdm.errors import DatasetError, VfmSdmError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings
 from vfm_sdm.inputs.session import read_session
-from vfm_sdm.measurement import Run, measure
+from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
 from vfm_sdm.outputs.results import write_mat, write_uff
-from vfm_sdm.pipeline import Progress as Callback
 from vfm_sdm.studies.protocol import run_benchmark
 from vfm_sdm.studies.synthetic.presets import PRESETS, PresetName
 
@@ -81,7 +81,8 @@ def demo(output: Annotated[Path, Parameter(help="Folder to write to.")] = Path("
         result = run_demo(output, progress=progress)
     for part in reports.measurement_report(result.measurement):
         _out.print(part)
-    _out.print(reports.truth_table(result))
+    if result.evaluation is not None:
+        _out.print(reports.evaluation_table(result.evaluation))
     _out.print(f"written: {result.run_folder} (figures in {result.run_folder / 'figures'})")
 
 
@@ -115,7 +116,7 @@ def cameras(session: _SessionFile, *, output: _Output) -> None:
     """Only cameras, axes and the points' places in every view: writes cameras.toml."""
     settings = read_session(session)
     with _progress() as progress:
-        solution = Run(settings, output, progress).cameras()
+        solution = Measurement(settings, output, progress=progress).cameras
     for part in reports.camera_report(solution):
         _out.print(part)
     _out.print(f"written: {output / 'cameras.toml'}")
@@ -126,8 +127,7 @@ def track(session: _SessionFile, *, output: _Output) -> None:
     """Follow the points in every view: writes cameras.toml and tracks.nc. Works with a single view, too."""
     settings = read_session(session)
     with _progress() as progress:
-        run = Run(settings, output, progress)
-        tracks = run.tracks(run.cameras())
+        tracks = Measurement(settings, output, progress=progress).tracks
     _out.print(reports.track_table(tracks))
     _out.print(f"written: {output / 'tracks.nc'}")
 
@@ -137,11 +137,10 @@ def displacement(session: _SessionFile, *, output: _Output) -> None:
     """Triangulate finished tracks: writes displacement.nc and displacement.csv."""
     settings = read_session(session)
     with _progress() as progress:
-        run = Run(settings, output, progress)
-        solution = run.cameras()
-        result = run.displacement(solution, run.tracks(solution))
+        measurement = Measurement(settings, output, progress=progress)
+        result = measurement.displacement
     if result is None:
-        _fail(f"no displacement: {solution.status}")
+        _fail(f"no displacement: {measurement.cameras.status}")
     _out.print(reports.displacement_table(result))
     _out.print(f"written: {output / 'displacement.nc'}, {output / 'displacement.csv'}")
 

@@ -20,9 +20,9 @@ from vfm_sdm.stages.audit import Audit, Outcome, Verdict
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 from vfm_sdm.stages.matching.correspondence import OK
+from vfm_sdm.stages.matching.points import NOT_LOOKED_FOR
 
 if TYPE_CHECKING:
-    from vfm_sdm.commands.demo import DemoResult
     from vfm_sdm.studies.protocol import Benchmark
     from vfm_sdm.studies.protocol import Table as ProtocolTable
 
@@ -36,12 +36,12 @@ __all__ = [
     "measurement_report",
     "reference_table",
     "track_table",
-    "truth_table",
     "weights_table",
 ]
 
 
 _CASE_COLUMNS = 3
+_WORTH_SAYING_S = 0.05
 _SUMMARY_ROWS = 2
 """Mean and standard deviation, at the end of a table."""
 
@@ -65,7 +65,7 @@ def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
     if reused:
         yield Text(f"reused from the run folder: {', '.join(reused)}")
     seconds = measurement.summary["seconds"]
-    yield Text("time: " + ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items()))
+    yield Text("time: " + ", ".join(f"{n} {s:.1f} s" for n, s in seconds.items() if s > _WORTH_SAYING_S))
     if measurement.audit is not None:
         yield from audit_report(measurement.audit)
 
@@ -102,9 +102,9 @@ def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[R
         table.add_row(q.name, *values, q.units, style="red" if q.deviation > 3 else None)
     if solution.quantities:
         yield table
-    for view, named in solution.point_status.items():
-        for point, state in named.items():
-            if state != OK and not notes:
+    if not notes:
+        for (view, point), state in solution.points["status"].to_series().items():
+            if state not in (OK, NOT_LOOKED_FOR):
                 yield Text(f"point {point!r} in view {view!r}: {state}", style="red")
     if notes:
         for note in solution.notes:
@@ -184,23 +184,6 @@ def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
             std = float(np.sqrt(np.median(variance))) if found.any() else float("nan")
             counts = [str(int((status == code).sum())) for code in range(Status.UNRELIABLE + 1)]
             table.add_row(view, str(point), f"{span[0]:.2f}", f"{span[1]:.2f}", f"{std:.4f}", *counts)
-    return table
-
-
-def truth_table(result: "DemoResult") -> Table:
-    """Measured against true displacement of the demo."""
-    table = Table(title="Measured against true", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("point", "axis", "true p-p [mm]", "measured [mm]", "RMS error [mm]", "gain"):
-        table.add_column(Text(name), justify="left" if name in ("point", "axis") else "right", no_wrap=name == "axis")
-    for row in result.rows:
-        table.add_row(
-            row.point,
-            row.axis,
-            f"{row.true_peak_to_peak_mm:.3f}",
-            f"{row.peak_to_peak_mm:.3f}",
-            f"{row.rms_error_mm:.3f}",
-            _number(row.gain, "{:.3f}"),
-        )
     return table
 
 

@@ -1,8 +1,13 @@
 """The labelled datasets that travel between the stages: what they hold, and the checks at the door.
 
+points
+    Dims ``view, point, pixel``; ``position`` [px] in the first frame of every view, ``position_std`` [px], ``status``
+    in words (``ok``, or why there is no position).
 tracks
     One view, own clock: dims ``time, point, pixel``; ``position`` [px], ``position_covariance`` [px2]
-    (``pixel_a, pixel_b``), ``status``. With a leading dim ``view`` the tracks share one clock.
+    (``pixel_a, pixel_b``), ``status``. With a leading dim ``view`` the tracks share one clock, and what is known of
+    each view's own clock are variables on ``view``: ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate``
+    [1], ``clock_status``.
 displacement
     dims ``time, point, axis``; ``displacement`` [mm], ``displacement_std`` [mm] (random part), ``scale_std`` [1]
     (systematic part, dims ``point, axis``), ``position`` [m], ``reprojection_error`` [px], ``status``.
@@ -28,11 +33,13 @@ __all__ = [
     "Status",
     "check_acceleration",
     "check_displacement",
+    "check_points",
     "check_reference",
     "check_tracks",
     "convert_units",
     "make_acceleration",
     "make_displacement",
+    "make_points",
     "make_reference",
     "make_tracks",
     "status_variable",
@@ -70,6 +77,67 @@ def status_variable(dims: Sequence[str], codes: npt.ArrayLike) -> xr.Variable:
     values = np.asarray(codes, dtype=np.int8)
     flags = np.arange(len(STATUS_MEANINGS), dtype=np.int8)
     return xr.Variable(dims, values, {"flag_values": flags, "flag_meanings": " ".join(STATUS_MEANINGS)})
+
+
+def make_points(
+    views: Sequence[str],
+    points: Sequence[str],
+    *,
+    position: npt.ArrayLike,
+    position_std: npt.ArrayLike,
+    status: npt.ArrayLike,
+) -> xr.Dataset:
+    """Where named points lie in the first frame of every view.
+
+    Parameters
+    ----------
+    views, points
+        Names, lengths V and P.
+    position
+        Shape (V, P, 2) [px], full-image pixels; NaN where a point was not found.
+    position_std
+        Standard deviation, shape (V, P, 2) [px]; 0 where a point is where its user named it, NaN where unknown.
+    status
+        ``ok`` or why there is no position, shape (V, P).
+
+    Raises
+    ------
+    DatasetError
+        Shapes disagree.
+
+    Examples
+    --------
+    >>> found = make_points(["left"], ["mid"], position=[[[320.0, 240.0]]], position_std=[[[0, 0]]], status=[["ok"]])
+    >>> found["position"].sel(view="left", point="mid", pixel="v").item()
+    240.0
+    """
+    dims = ("view", "point")
+    try:
+        found = xr.Dataset(
+            {
+                "position": ((*dims, "pixel"), np.asarray(position, np.float64), {"units": "px"}),
+                "position_std": ((*dims, "pixel"), np.asarray(position_std, np.float64), {"units": "px"}),
+                "status": (dims, np.asarray(status, dtype=object)),
+            },
+            coords={"view": list(views), "point": list(points), "pixel": list(PIXEL)},
+        )
+    except ValueError as error:
+        raise DatasetError(f"points: expected arrays of one number of views and points; {error}") from error
+    return check_points(found)
+
+
+def check_points(points: xr.Dataset) -> xr.Dataset:
+    """The same points, after checking dims and units.
+
+    Raises
+    ------
+    DatasetError
+        A variable is missing, or has other dims or units.
+    """
+    _check_variable(points, "position", ("view", "point", "pixel"), "px")
+    _check_variable(points, "position_std", ("view", "point", "pixel"), "px")
+    _check_variable(points, "status", ("view", "point"), None)
+    return points
 
 
 def make_tracks(

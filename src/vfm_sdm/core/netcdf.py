@@ -8,11 +8,19 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.datasets import check_displacement, check_tracks
+from vfm_sdm.core.datasets import check_displacement, check_points, check_tracks
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.errors import DatasetError, ResultsError
 
-__all__ = ["read_displacement", "read_tracks", "storable", "write_displacement", "write_tracks"]
+__all__ = [
+    "read_displacement",
+    "read_points",
+    "read_tracks",
+    "storable",
+    "write_displacement",
+    "write_points",
+    "write_tracks",
+]
 
 _ENGINE: Final = "h5netcdf"
 _JSON = "json:"
@@ -72,6 +80,53 @@ def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
         raise ResultsError(f"{source}: expected tracks, got something else ({error}); run `vfm-sdm track`") from error
     except _READ_ERRORS as error:
         raise ResultsError(f"{source}: expected tracks, got a damaged file ({error}); run `vfm-sdm track`") from error
+
+
+def write_points(folder: Path | str, points: xr.Dataset) -> Path:
+    """Writes ``points.nc``; returns its path.
+
+    Parameters
+    ----------
+    folder
+        The run folder; made when absent.
+    points
+        See `vfm_sdm.core.datasets`.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written.
+    DatasetError
+        The dataset does not hold points.
+    """
+    target = Path(folder) / "points.nc"
+    dataset = storable(check_points(points))
+    _write(target, lambda path: dataset.to_netcdf(path, engine=_ENGINE))
+    return target
+
+
+def read_points(path: Path | str) -> xr.Dataset:
+    """The points dataset as written by `write_points`, fully loaded.
+
+    Parameters
+    ----------
+    path
+        A run folder or the file itself.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, damaged or does not hold points.
+    """
+    source = _file_in(path, "points.nc", "vfm-sdm cameras")
+    again = "run `vfm-sdm cameras` again"
+    try:
+        with xr.open_dataset(source, engine=_ENGINE, decode_times=False) as dataset:
+            return check_points(_restored(dataset.load()))
+    except DatasetError as error:
+        raise ResultsError(f"{source}: expected points, got something else ({error}); {again}") from error
+    except _READ_ERRORS as error:
+        raise ResultsError(f"{source}: expected points, got a damaged file ({error}); {again}") from error
 
 
 def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
@@ -140,7 +195,7 @@ def _compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     return {
         str(name): {"zlib": True, "complevel": 1, "shuffle": True}
         for name, variable in dataset.data_vars.items()
-        if variable.ndim and variable.size
+        if variable.ndim and variable.size and variable.dtype.kind != "O"
     }
 
 

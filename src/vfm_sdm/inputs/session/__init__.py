@@ -4,11 +4,12 @@ from vfm_sdm.core.files import file_hash
 from vfm_sdm.inputs.session.exif import lens_from_exif
 from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
 from vfm_sdm.inputs.session.model import Chessboard, Lens, Method, Network, Point, Sensor, Session, Sfm, Sgr, View
-from vfm_sdm.inputs.session.recordings import first_color_frames, open_views
+from vfm_sdm.inputs.session.recordings import FirstFrames, input_files, open_views
 from vfm_sdm.inputs.session.site import Length, Level, Measured, Range, Site
 
 __all__ = [
     "Chessboard",
+    "FirstFrames",
     "Length",
     "Lens",
     "Level",
@@ -24,7 +25,7 @@ __all__ = [
     "Site",
     "View",
     "file_hash",
-    "first_color_frames",
+    "input_files",
     "lens_from_exif",
     "open_views",
     "read_session",

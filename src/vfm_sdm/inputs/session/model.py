@@ -5,6 +5,7 @@ v (down). A `Session` reports all its faults at once as one `SessionError`; its 
 pydantic's ``ValidationError`` (a ``ValueError``).
 """
 
+from collections.abc import Sequence
 from datetime import datetime
 from glob import escape
 from pathlib import Path
@@ -23,6 +24,7 @@ from pydantic import (
 
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults
+from vfm_sdm.inputs.session.narrow import narrow
 from vfm_sdm.inputs.session.site import Entry, Level, Name, Number, Positive, Site
 from vfm_sdm.networks.interface import Precision
 
@@ -294,6 +296,14 @@ class Session(Entry):
         if sfm.model and self.resolve(sfm.model).is_dir():
             sfm = sfm.model_copy(update={"model": str(self.resolve(sfm.model))})
         return self.method.model_copy(update={"network": network, "sfm": sfm})
+
+    def narrowed(self, reads: Sequence[str]) -> Self:
+        """The session with the named fields alone, as `vfm_sdm.inputs.session.narrow` explains."""
+        return narrow(self, reads, always=("folder",))
+
+    def as_fields(self) -> dict[str, Any]:
+        """Its fields as plain tables, as JSON holds them."""
+        return self.model_dump(mode="json", warnings=False)
 
     def resolve(self, path: Path | str) -> Path:
         """The path as seen from here: a relative one starts at the session's folder."""

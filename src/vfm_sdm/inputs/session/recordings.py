@@ -1,11 +1,17 @@
-"""The recordings that a session names."""
+"""What a session names on disk: recordings, their first frames, and every file that a stage may read."""
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from glob import glob
+from pathlib import Path
 
 import numpy as np
 
+from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.inputs.session.model import Session
 from vfm_sdm.inputs.video import RgbArray, Video, open_images, open_video
 
-__all__ = ["first_color_frames", "open_views"]
+__all__ = ["FirstFrames", "input_files", "open_views"]
 
 
 def open_views(session: Session) -> dict[str, Video]:
@@ -25,12 +31,61 @@ def open_views(session: Session) -> dict[str, Video]:
     return videos
 
 
-def first_color_frames(session: Session) -> dict[str, RgbArray]:
-    """First frame of every view in colour, shape (height, width, 3), by name in the session's order.
+class FirstFrames(Mapping[str, LumaArray]):
+    """First frame of every view by name: luma, shape (height, width), and colours where somebody asks for them.
+
+    Parameters
+    ----------
+    videos
+        Open recordings by view, in the session's order.
 
     Raises
     ------
     VideoError
-        A file is missing or holds no frame.
+        A recording holds no frame.
     """
-    return {name: np.ascontiguousarray(video.color_frame(0)) for name, video in open_views(session).items()}
+
+    def __init__(self, videos: Mapping[str, Video]) -> None:
+        self._videos = videos
+        self._luma = {view: video.first_frame().luma.copy() for view, video in videos.items()}
+
+    def __getitem__(self, view: str) -> LumaArray:
+        return self._luma[view]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._luma)
+
+    def __len__(self) -> int:
+        return len(self._luma)
+
+    @cached_property
+    def colors(self) -> dict[str, RgbArray]:
+        """The same in colour, shape (height, width, 3), by view."""
+        return {view: np.ascontiguousarray(video.color_frame(0)) for view, video in self._videos.items()}
+
+
+def input_files(session: Session) -> Iterator[tuple[str, Path]]:
+    """Files that a session names for cameras and recordings, each with what it is called; of image sequences each one.
+
+    Parameters
+    ----------
+    session
+        A session, or what `vfm_sdm.inputs.session.narrow` leaves of it: then the files that these fields name.
+    """
+    for view in session.view:
+        if view.video is not None:
+            yield str(view.video), session.resolve(view.video)
+        elif view.images is not None:
+            yield from _pattern_files(session, view.name, view.images)
+        if view.camera is not None:
+            yield str(view.camera), session.resolve(view.camera)
+    board = session.chessboard
+    if board is not None and board.corners is not None:
+        yield str(board.corners), session.resolve(board.corners)
+    for name, pattern in (board.images or {} if board is not None else {}).items():
+        yield from _pattern_files(session, f"chessboard {name}", pattern)
+
+
+def _pattern_files(session: Session, label: str, pattern: str) -> Iterator[tuple[str, Path]]:
+    for path in sorted(glob(session.resolve_pattern(pattern))):
+        yield f"{label}: {Path(path).name}", Path(path)

@@ -9,11 +9,12 @@ from vfm_sdm.outputs.results.notes import (
     displacement_notes,
     recording_notes,
 )
-from vfm_sdm.outputs.results.summary import read_summary, summarize_displacement, write_summary
+from vfm_sdm.outputs.results.summary import describe_measurement, read_summary, summarize_displacement, write_summary
 
 __all__ = [
     "describe_camera_motion",
     "describe_clocks",
+    "describe_measurement",
     "describe_recording",
     "describe_refinement",
     "displacement_notes",

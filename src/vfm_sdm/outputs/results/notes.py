@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
-from vfm_sdm.stages.synchronize import LagStatus
+from vfm_sdm.stages.synchronize import STATED, LagStatus
 
 __all__ = [
     "describe_camera_motion",
@@ -26,9 +26,8 @@ _CARRIED = 3.0
 
 def describe_recording(tracks: xr.Dataset) -> dict[str, Any]:
     """Size of the pictures and what the decoder said of a view's recording."""
-    attrs = tracks.attrs
-    named = {k.removeprefix("decode_"): v for k, v in attrs.items() if k.startswith("decode_")}
-    return {"width": attrs.get("image_width"), "height": attrs.get("image_height"), **named}
+    size = {"width": tracks.attrs.get("image_width"), "height": tracks.attrs.get("image_height")}
+    return {**size, **tracks.attrs.get("recording", {})}
 
 
 def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
@@ -49,26 +48,28 @@ def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
     return notes
 
 
-def describe_clocks(displacement: xr.Dataset, views: list[str]) -> dict[str, Any]:
-    """What is known of each further view's clock, by view."""
-    clocks = {}
-    for view in views[1:]:
-        if f"clock_{view}_status" in displacement.attrs:
-            offset, std, ratio = (float(value) for value in displacement.attrs[f"clock_{view}"])
-            status = displacement.attrs[f"clock_{view}_status"]
-            clocks[view] = {"status": status, "offset_s": offset, "offset_std_s": std, "rate_ratio": ratio}
-    return clocks
+def describe_clocks(displacement: xr.Dataset) -> dict[str, Any]:
+    """What the motion tells of each further view's clock, by view; empty where it was not asked."""
+    names = {"status": "clock_status", "offset_s": "clock_offset"}
+    names |= {"offset_std_s": "clock_offset_std", "rate_ratio": "clock_rate"}
+    found = _by_view(displacement, names)
+    return {view: row for view, row in list(found.items())[1:] if row["status"] != STATED}
 
 
-def describe_camera_motion(displacement: xr.Dataset, views: list[str]) -> dict[str, Any]:
+def describe_camera_motion(displacement: xr.Dataset) -> dict[str, Any]:
     """What the static points show of each camera's motion, by view; empty where it was not looked for."""
-    motions = {}
-    for view in views:
-        if f"camera_motion_{view}_status" in displacement.attrs:
-            before, after = (float(value) for value in displacement.attrs[f"camera_motion_{view}"])
-            status = displacement.attrs[f"camera_motion_{view}_status"]
-            motions[view] = {"status": status, "static_rms_before_px": before, "static_rms_after_px": after}
-    return motions
+    names = {"status": "camera_motion_status", "static_rms_before_px": "camera_motion_before"}
+    return _by_view(displacement, names | {"static_rms_after_px": "camera_motion_after"})
+
+
+def _by_view(displacement: xr.Dataset, names: Mapping[str, str]) -> dict[str, Any]:
+    """Values of variables on ``view`` by view and by what the summary calls them; empty where there are none."""
+    if any(variable not in displacement for variable in names.values()):
+        return {}
+    return {
+        str(view): {name: displacement[variable].sel(view=view).item() for name, variable in names.items()}
+        for view in displacement["view"].values
+    }
 
 
 def describe_refinement(displacement: xr.Dataset) -> dict[str, Any]:
@@ -77,8 +78,8 @@ def describe_refinement(displacement: xr.Dataset) -> dict[str, Any]:
         return {}
     rows = zip(
         displacement["point"].values,
-        displacement.attrs["refinement_status"],
-        displacement.attrs["refined_view"],
+        displacement["refinement_status"].values,
+        displacement["refined_view"].values,
         displacement["prior_share"].values,
         strict=True,
     )
@@ -93,11 +94,11 @@ def displacement_notes(displacement: xr.Dataset | None) -> list[str]:
     if displacement is None:
         return []
     notes = [
-        f"view {name.removeprefix('clock_').removesuffix('_status')!r}: not synchronised by its motion: {status}; its "
-        "time_offset_s was taken (0 when not stated, and then all samples are marked unreliable); state it, or set "
-        'method.synchronization = "none" for cameras that start together'
-        for name, status in displacement.attrs.items()
-        if str(name).startswith("clock_") and str(name).endswith("_status") and status != LagStatus.OK
+        f"view {view!r}: not synchronised by its motion: {clock['status']}; its time_offset_s was taken (0 when not "
+        'stated, and then all samples are marked unreliable); state it, or set method.synchronization = "none" for '
+        "cameras that start together"
+        for view, clock in describe_clocks(displacement).items()
+        if clock["status"] != LagStatus.OK
     ]
     notes += _assumption_notes(displacement)
     refined = describe_refinement(displacement)

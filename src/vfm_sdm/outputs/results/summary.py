@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,20 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status, check_displacement
 from vfm_sdm.core.files import write_json
 from vfm_sdm.errors import ResultsError
+from vfm_sdm.outputs.results.notes import (
+    describe_camera_motion,
+    describe_clocks,
+    describe_recording,
+    describe_refinement,
+    displacement_notes,
+    recording_notes,
+)
 from vfm_sdm.signals.spectrum import dominant_frequency
+from vfm_sdm.stages.audit import Audit
+from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
-__all__ = ["read_summary", "summarize_displacement", "write_summary"]
+__all__ = ["describe_measurement", "read_summary", "summarize_displacement", "write_summary"]
 
 _PROPORTIONAL = ("cameras", "compression")
 """Components of the budget that are proportional to the motion."""
@@ -57,6 +68,41 @@ def read_summary(path: Path | str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise ResultsError(f"{source}: expected a table, got {type(found).__name__}; run `vfm-sdm measure` again")
     return found
+
+
+def describe_measurement(
+    cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset | None, audit: Audit | None
+) -> dict[str, Any]:
+    """What the products of a measurement say, ready for `write_summary`.
+
+    Parameters
+    ----------
+    cameras
+        Cameras, axes and points.
+    tracks
+        By view, each on its own clock.
+    displacement, audit
+        Result and checks; ``None`` where there are none.
+    """
+    return {
+        "status": cameras.status,
+        "audit": None if audit is None else audit.as_table(),
+        "notes": [*cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
+        "points": {} if displacement is None else summarize_displacement(displacement),
+        "frame": None if displacement is None else displacement.attrs["frame"],
+        "cameras": {
+            "epipolar_rms_px": cameras.epipolar_rms_px,
+            "quantities": [{**asdict(q), "determined": q.determined} for q in cameras.quantities],
+            "point_status": {
+                str(view): cameras.points["status"].sel(view=view).to_series().to_dict()
+                for view in cameras.points["view"].values
+            },
+        },
+        "recordings": {view: describe_recording(t) for view, t in tracks.items()},
+        "clocks": {} if displacement is None else describe_clocks(displacement),
+        "camera_motion": {} if displacement is None else describe_camera_motion(displacement),
+        "refinement": {} if displacement is None else describe_refinement(displacement),
+    }
 
 
 def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:

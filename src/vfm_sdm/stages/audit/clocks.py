@@ -92,6 +92,4 @@ def _significant(lag: Synchronization, other: Synchronization | None = None) -> 
 
 def _unknown(inputs: AuditInputs, view: str) -> bool:
     """Whether neither motion nor session tells a view's offset."""
-    status = inputs.displacement.attrs.get(f"clock_{view}_status", LagStatus.OK)
-    of_session = next(v for v in inputs.session.view if v.name == view)
-    return status != LagStatus.OK and inputs.session.stated_offset_s(of_session) is None
+    return bool(np.isnan(inputs.aligned["clock_offset_std"].sel(view=view).item()))

@@ -9,7 +9,6 @@ from vfm_sdm.core.datasets import Status
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Outcome, judge
 from vfm_sdm.stages.cameras.site import DISAGREE, NOT_CONVERGED, NOT_IDENTIFIABLE, SiteQuantity
-from vfm_sdm.stages.displacement.agreement import compute_gain_difference
 
 __all__ = ["check_agreement", "check_baseline", "check_epipolar_level", "check_epipolar_motion", "check_site"]
 
@@ -118,12 +117,9 @@ def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
 
 def check_agreement(inputs: AuditInputs) -> AuditCheck:
     """Vertical motion from each view alone: how much more one of them shows."""
-    name, rig = "left and right", inputs.cameras.rig
-    known: dict[str, float] = {}
-    if rig is not None:
-        of_moving = inputs.aligned.sel(point=inputs.moving), inputs.unrefined.sel(point=inputs.moving)
-        found = np.abs(compute_gain_difference(*of_moving, rig, inputs.cameras.frame))
-        known = {p: float(g) for p, g in zip(inputs.moving, found, strict=True) if np.isfinite(g)}
+    name = "left and right"
+    found = inputs.displacement["gain_difference"].sel(point=inputs.moving).values
+    known = {p: abs(float(g)) for p, g in zip(inputs.moving, found, strict=True) if np.isfinite(g)}
     return judge(
         name,
         known,

@@ -71,8 +71,8 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
     found = {}
     for view, image in inputs.frames.items():
         for point in inputs.moving:
-            u, v = inputs.cameras.points.get(view, {}).get(point, (np.nan, np.nan))
-            gain = _injected_gain(image, (u, v), inputs.session.method.subset_px)
+            u, v = inputs.cameras.points["position"].sel(view=view, point=point).values
+            gain = _injected_gain(image, (float(u), float(v)), inputs.session.method.subset_px)
             if np.isfinite(gain):
                 found[f"{point} in {view}"] = abs(gain - 1)
     return judge(
@@ -89,16 +89,13 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
 def check_recording(inputs: AuditInputs) -> AuditCheck:
     """Share of frames that the recordings lack or repeat, and whether they end early."""
     name = "recordings"
-    damaged = [v for v, t in inputs.tracks.items() if t.attrs.get("decode_status", "ok") != "ok"]
+    records = {view: t.attrs["recording"] for view, t in inputs.tracks.items() if "recording" in t.attrs}
+    damaged = [view for view, record in records.items() if record.get("status", "ok") != "ok"]
     share = {
-        view: (tracks.attrs.get("decode_dropped", 0) + tracks.attrs.get("decode_duplicated", 0))
-        / max(tracks.attrs.get("decode_frames", 0), 1)
-        for view, tracks in inputs.tracks.items()
-        if "decode_frames" in tracks.attrs
+        view: (record["dropped"] + record["duplicated"]) / max(record["frames"], 1) for view, record in records.items()
     }
     if damaged:
-        status = inputs.tracks[damaged[0]].attrs["decode_status"]
-        sentence = f"the recording of {damaged[0]!r} is not whole: {status}"
+        sentence = f"the recording of {damaged[0]!r} is not whole: {records[damaged[0]]['status']}"
         return AuditCheck(name, Outcome.CAUTION, float("nan"), _DROPPED_CAUTION, "1", sentence, damaged[0])
     return judge(
         name,
@@ -117,7 +114,7 @@ def check_refinement(inputs: AuditInputs) -> AuditCheck:
     refused = {
         str(point): status
         for point, status in zip(
-            inputs.displacement["point"].values, inputs.displacement.attrs["refinement_status"], strict=True
+            inputs.displacement["point"].values, inputs.displacement["refinement_status"].values, strict=True
         )
         if status != "ok" and str(point) in inputs.moving
     }

@@ -13,7 +13,7 @@ from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
 from vfm_sdm.stages.camera_motion.estimation import MotionEstimate, compute_motion_jacobian, estimate_motion
 
-__all__ = ["CAMERA_MOTION_STATUSES", "CameraMotion", "ViewMotion", "remove_camera_motion"]
+__all__ = ["CAMERA_MOTION_STATUSES", "CameraMotion", "ViewMotion", "remove_camera_motion", "steady_tracks"]
 
 CAMERA_MOTION_STATUSES = ("ok", "one static point", "still", "no gain", "no static points")
 """What became of a view; its tracks are changed with the first two only.
@@ -92,6 +92,23 @@ class CameraMotion:
 
     tracks: Mapping[str, xr.Dataset]
     views: Mapping[str, ViewMotion]
+
+
+def steady_tracks(tracks: Mapping[str, xr.Dataset], rig: Rig | None, static: Sequence[str]) -> CameraMotion:
+    """As `remove_camera_motion`, and the tracks as they are where nothing can show the cameras' motion.
+
+    Parameters
+    ----------
+    tracks
+        By view, each on its own clock.
+    rig
+        Cameras; without metres, depths of points are unknown and nothing is removed.
+    static
+        Names of the points that must not move; without any, nothing is removed.
+    """
+    if not static or rig is None or not rig.metric:
+        return CameraMotion(tracks, {})
+    return remove_camera_motion(tracks, rig, static)
 
 
 def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[str]) -> CameraMotion:

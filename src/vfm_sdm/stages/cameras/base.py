@@ -1,13 +1,11 @@
 """What a camera estimator is, what it returns, and how one is found by name."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.registry import Backend, find_backend
 from vfm_sdm.geometry.camera import Rig
-from vfm_sdm.inputs.session import Method, Session
+from vfm_sdm.inputs.session import FirstFrames, Method, Session
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["ESTIMATORS", "CameraEstimate", "CameraEstimator", "estimator_of", "find_estimator"]
@@ -51,7 +49,7 @@ class CameraEstimator(Protocol):
 
     name: str
 
-    def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
+    def estimate(self, session: Session, frames: FirstFrames) -> CameraEstimate:
         """Cameras of all views.
 
         Parameters
@@ -59,7 +57,8 @@ class CameraEstimator(Protocol):
         session
             The measurement session.
         frames
-            First frame of each view by view name, in the session's order; shape (H, W) each.
+            First frame of each view by view name, in the session's order; a mapping of luma, shape (H, W) each, that
+            yields colours where asked.
 
         Raises
         ------

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import make_points
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.geometry.camera import Rig
@@ -33,9 +35,7 @@ class CameraSolution:
     covariance
         Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when unknown.
     points
-        By view: by point name its pixel in the first frame; NaN where it was not found.
-    point_status
-        By view: by point name ``ok`` or why it has no position.
+        Points dataset: pixels in the first frame of every view, and why one is missing.
     quantities, status, notes, epipolar_rms_px
         As in `vfm_sdm.stages.cameras.site.SiteAdjustment`.
     """
@@ -43,15 +43,14 @@ class CameraSolution:
     rig: Rig | None
     frame: StructureFrame | None
     covariance: FloatArray | None
-    points: Mapping[str, Mapping[str, tuple[float, float]]]
-    point_status: Mapping[str, Mapping[str, str]]
+    points: xr.Dataset
     quantities: tuple[SiteQuantity, ...] = ()
     status: str = "ok"
     notes: tuple[str, ...] = ()
     epipolar_rms_px: float = field(default=float("nan"))
 
 
-def write_solution(path: Path | str, solution: CameraSolution, *, key: str) -> Path:
+def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path:
     """Writes ``cameras.toml``: the rig as `write_rig` does, and all else in its table ``extra``.
 
     Parameters
@@ -71,8 +70,9 @@ def write_solution(path: Path | str, solution: CameraSolution, *, key: str) -> P
         "status": solution.status,
         "notes": list(solution.notes),
         "epipolar_rms_px": solution.epipolar_rms_px,
-        "points": {view: {name: list(uv) for name, uv in named.items()} for view, named in solution.points.items()},
-        "point_status": {view: dict(named) for view, named in solution.point_status.items()},
+        "points": _by_view(solution.points["position"]),
+        "point_std": _by_view(solution.points["position_std"]),
+        "point_status": _by_view(solution.points["status"]),
         "quantity": [asdict(q) for q in solution.quantities],
     }
     if solution.frame is not None:
@@ -108,8 +108,7 @@ def read_solution(path: Path | str) -> tuple[CameraSolution, str]:
             read_rig(file) if len(table) > 1 else None,
             frame,
             covariance,
-            {view: {n: (uv[0], uv[1]) for n, uv in named.items()} for view, named in site["points"].items()},
-            site["point_status"],
+            _points(site),
             quantities=tuple(SiteQuantity(**q) for q in site["quantity"]),
             status=site["status"],
             notes=tuple(site["notes"]),
@@ -122,3 +121,21 @@ def read_solution(path: Path | str) -> tuple[CameraSolution, str]:
             f"{file}: expected a file written by `vfm-sdm cameras`, got {error}; delete it and run the stage again"
         ) from error
     return solution, str(site["key"])
+
+
+def _by_view(variable: xr.DataArray) -> dict[str, dict[str, Any]]:
+    """Values of a variable of points as tables: by view, by point."""
+    views, points = ([str(name) for name in variable[dim].values] for dim in ("view", "point"))
+    values = variable.transpose("view", "point", ...).values
+    return {view: dict(zip(points, row.tolist(), strict=True)) for view, row in zip(views, values, strict=True)}
+
+
+def _points(tables: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> xr.Dataset:
+    """Points dataset from the tables of `_by_view`."""
+    views = list(tables["points"])
+    points = list(tables["points"][views[0]]) if views else []
+    position, std, status = (
+        [[tables[table][view][point] for point in points] for view in views]
+        for table in ("points", "point_std", "point_status")
+    )
+    return make_points(views, points, position=position, position_std=std, status=status)

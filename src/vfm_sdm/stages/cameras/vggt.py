@@ -1,15 +1,13 @@
 """VGGT as a camera estimator (section VFM-based sparse-view camera parameter estimation)."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.geometry.camera import Rig
-from vfm_sdm.inputs.session import Network, Session, first_color_frames
+from vfm_sdm.inputs.session import FirstFrames, Network, Session
 from vfm_sdm.networks.availability import choose_weights, require_torch
 from vfm_sdm.networks.vggt.pose import decode_pose
 from vfm_sdm.networks.weights import weights_id
@@ -65,13 +63,13 @@ class VggtCameras:
         where = self.network
         return VggtInference.load(str(self.weights), device=where.device, precision=where.precision, camera=True)
 
-    def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
+    def estimate(self, session: Session, frames: FirstFrames) -> CameraEstimate:
         """Rig with the tape's baseline, prior covariance, and matches that agree with a pose; views in any number.
 
         Parameters
         ----------
         session, frames
-            As in `CameraEstimator`; the recordings are opened for their colours.
+            As in `CameraEstimator`.
 
         Raises
         ------
@@ -79,8 +77,7 @@ class VggtCameras:
             Fewer than two views, or no baseline in the session.
         """
         priors = read_priors(session, frames, estimator=self.name)
-        colors = first_color_frames(session)
-        images, canvases = network_view([colors[name] for name in frames])
+        images, canvases = network_view(list(frames.colors.values()))
         poses, intrinsics = decode_pose(self.inference.estimate_poses(images), (images.shape[2], images.shape[1]))
         # Each axis was resized by itself.
         focal = intrinsics[:, [0, 1], [0, 1]] / [[canvas.region.scale_u, canvas.region.scale_v] for canvas in canvases]

@@ -1,31 +1,39 @@
-"""Points named in one view, carried into all others (section Overall pipeline, step A of Figure 4)."""
+"""Points named in one view, found in all others (section Overall pipeline, step A of Figure 4)."""
 
 from collections.abc import Mapping, Sequence
-from itertools import permutations
+from dataclasses import dataclass
 
 import numpy as np
+import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import sampson_error
-from vfm_sdm.inputs.session import Point, Session, first_color_frames
-from vfm_sdm.stages.matching.correspondence import NOT_FOUND, NOT_RETURNED, OK, Surface, find_correspondences
+from vfm_sdm.inputs.session import FirstFrames, Point, Session
+from vfm_sdm.networks.interface import ChunkNetwork
+from vfm_sdm.stages.matching.correspondence import (
+    NOT_FOUND,
+    NOT_RETURNED,
+    OK,
+    Correspondence,
+    Surface,
+    find_correspondences,
+)
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.network import locate_points
-from vfm_sdm.stages.tracking.vggt import VggtTracker
+from vfm_sdm.stages.matching.points import named_points
 
-__all__ = ["transfer_on_face", "transfer_points"]
+__all__ = ["PointFinder"]
 
 _EPIPOLAR_BAND = 5e-3
 """Matches within this share of the image width from a known rig's epipolar lines help to find points."""
 
 
-def transfer_points(
-    session: Session, frames: Mapping[str, LumaArray], rig: Rig, matches: Sequence[Matches]
-) -> tuple[dict[str, FloatArray], dict[str, dict[str, str]]]:
-    """Pixels of every point in every view, (V, 2) by name, and by name and view why one is missing.
+@dataclass(frozen=True, eq=False)
+class PointFinder:
+    """Finds the points of a session in the views in which nobody named them.
 
     Parameters
     ----------
@@ -33,117 +41,122 @@ def transfer_points(
         Names the points.
     frames
         First frame of every view by name, in the session's order.
-    rig
-        Approximate cameras; the scale does not matter.
-    matches
-        Feature matches between views; looked for where there are none.
+    network
+        A network that follows points and says where to look first; ``None`` leaves that to the geometry.
     """
-    views = list(frames)
-    matches = matches or _features_near(rig, list(frames.values()))
-    located = _located_by_network(session, views)
-    pixels = {p.name: np.full((len(views), 2), np.nan) for p in session.point}
-    states: dict[str, dict[str, str]] = {p.name: {} for p in session.point}
-    for source, source_view in enumerate(views):
-        named = [p for p in session.point if p.view == source_view]
-        for p in named:
-            pixels[p.name][source] = p.pixel
-        for target, target_view in enumerate(views):
-            if target == source or not named:
+
+    session: Session
+    frames: Mapping[str, LumaArray]
+    network: ChunkNetwork | None = None
+
+    def find(self, rig: Rig, matches: Sequence[Matches]) -> xr.Dataset:
+        """Points dataset of all views.
+
+        Parameters
+        ----------
+        rig
+            Approximate cameras; the scale does not matter.
+        matches
+            Feature matches between views; looked for where there are none.
+        """
+        views = list(self.frames)
+        matches = matches or _features_near(rig, list(self.frames.values()))
+        points = named_points(self.session, views)
+        for source, target in _pairs(views):
+            named = [p for p in self.session.point if p.view == source]
+            if not named:
                 continue
-            found = find_correspondences(
-                (frames[source_view], frames[target_view]),
-                np.array([p.pixel for p in named]),
-                rig,
-                matches=_pair(matches, source, target),
-                subset_px=session.method.subset_px,
-                given={
-                    i: np.array(places[target_view])
-                    for i, p in enumerate(named)
-                    if target_view in (places := {**located[p.name], **p.pixel_in})
-                },
-            )
-            for p, position, state in zip(named, found.points2d, found.status, strict=True):
-                pixels[p.name][target] = position
-                states[p.name][target_view] = state
-    return pixels, states
+            given = self._seen_by_network(named, source, target)
+            given |= {i: np.array(p.pixel_in[target]) for i, p in enumerate(named) if target in p.pixel_in}
+            between = _between(matches, views.index(source), views.index(target))
+            _enter(points, named, target, self._correspondences(named, rig, between, given=given))
+        return points
+
+    def find_on_face(self, points: xr.Dataset, rig: Rig, frame: StructureFrame) -> xr.Dataset:
+        """Points dataset after a second look for missing points of the structure on its face, if its distance is known.
+
+        Parameters
+        ----------
+        points
+            Of `find`.
+        rig, frame
+            Adjusted to the site, in metres.
+        """
+        distance = self.session.site.perpendicular_distance
+        points = points.copy(deep=True)
+        if distance is None or not rig.metric:
+            return points
+        views = list(self.frames)
+        # The lateral axis points away from the reference camera, where the world has its origin.
+        std = float(np.hypot(distance.std, self.session.site.face_offset_std))
+        face = Surface(frame.rotation[0], distance.value, std)
+        for source, target in _pairs(views):
+            missing = [p for p in self.session.point if p.view == source and _is_missing(p, target, points)]
+            if missing:
+                between = _between((), views.index(source), views.index(target))
+                _enter(
+                    points, missing, target, self._correspondences(missing, rig, between, face=face), only_found=True
+                )
+        return points
+
+    def _correspondences(
+        self,
+        points: Sequence[Point],
+        rig: Rig,
+        matches: Matches,
+        *,
+        given: Mapping[int, FloatArray] | None = None,
+        face: Surface | None = None,
+    ) -> Correspondence:
+        """Places of points in the second view of ``matches`` that were named in its first one."""
+        images = list(self.frames.values())
+        return find_correspondences(
+            (images[matches.first], images[matches.second]),
+            np.array([p.pixel for p in points]),
+            rig,
+            matches=matches,
+            subset_px=self.session.method.subset_px,
+            given=given,
+            surface=face,
+        )
+
+    def _seen_by_network(self, points: Sequence[Point], source: str, target: str) -> dict[int, FloatArray]:
+        """Places (2,) [px] in the target view where the network sees the points, by index."""
+        if self.network is None or not isinstance(self.frames, FirstFrames):
+            return {}
+        colors = self.frames.colors
+        places = locate_points(self.network, colors[source], colors[target], np.array([p.pixel for p in points]))
+        return {i: place for i, place in enumerate(places) if np.isfinite(place).all()}
 
 
-def transfer_on_face(
-    session: Session,
-    frames: Mapping[str, LumaArray],
-    rig: Rig,
-    frame: StructureFrame,
-    pixels: dict[str, FloatArray],
-    states: dict[str, dict[str, str]],
-) -> bool:
-    """A second look for missing points of the structure, on its face, whose distance was measured.
-
-    Parameters
-    ----------
-    session, frames
-        As in `transfer_points`.
-    rig, frame
-        Adjusted to the site, in metres.
-    pixels, states
-        Of `transfer_points`; what is found is entered.
-
-    Returns
-    -------
-    found
-        Whether any point was.
-    """
-    distance = session.site.perpendicular_distance
-    if distance is None or not rig.metric:
-        return False
-    views = list(frames)
-    # The lateral axis points away from the reference camera, where the world has its origin.
-    face = Surface(frame.rotation[0], distance.value, float(np.hypot(distance.std, session.site.face_offset_std)))
-    any_found = False
-    for target, view in enumerate(views):
-        for source, source_view in enumerate(views):
-            missing = [p for p in session.point if p.view == source_view and _is_missing(p, view, states)]
-            if not missing:
-                continue
-            found = find_correspondences(
-                (frames[source_view], frames[view]),
-                np.array([p.pixel for p in missing]),
-                rig,
-                matches=_pair((), source, target),
-                subset_px=session.method.subset_px,
-                surface=face,
-            )
-            for p, position, state in zip(missing, found.points2d, found.status, strict=True):
-                if state == OK:
-                    pixels[p.name][target], states[p.name][view] = position, OK
-                    any_found = True
-    return any_found
+def _pairs(views: Sequence[str]) -> list[tuple[str, str]]:
+    """Every view with every other one as its target."""
+    return [(source, target) for source in views for target in views if source != target]
 
 
-def _located_by_network(session: Session, views: Sequence[str]) -> dict[str, dict[str, FloatArray]]:
-    """Pixels (2,) by point and view where VGGT's tracker sees the points, if the session asks it."""
-    located: dict[str, dict[str, FloatArray]] = {p.name: {} for p in session.point}
-    if session.method.correspondence != "vggt":
-        return located
-    network = VggtTracker(network=session.resolved_method.network).inference
-    colors = first_color_frames(session)
-    for source, target in permutations(views, 2):
-        named = [p for p in session.point if p.view == source]
-        if not named:
+def _enter(
+    points: xr.Dataset, named: Sequence[Point], view: str, found: Correspondence, *, only_found: bool = False
+) -> None:
+    """Enters what was found of some points in a view; with ``only_found``, nothing of the others."""
+    std = np.sqrt(np.einsum("pii->pi", found.covariance))
+    for number, point in enumerate(named):
+        if only_found and found.status[number] != OK:
             continue
-        places = locate_points(network, colors[source], colors[target], np.array([p.pixel for p in named]))
-        for p, place in zip(named, places, strict=True):
-            if np.isfinite(place).all():
-                located[p.name][target] = place
-    return located
+        here = {"view": view, "point": point.name}
+        points["position"].loc[here] = found.points2d[number]
+        points["position_std"].loc[here] = std[number]
+        points["status"].loc[here] = found.status[number]
 
 
-def _is_missing(point: Point, view: str, states: Mapping[str, Mapping[str, str]]) -> bool:
+def _is_missing(point: Point, view: str, points: xr.Dataset) -> bool:
     """Whether a point of the structure was not found in a view where nobody named it."""
-    return not point.static and view not in point.pixel_in and states[point.name].get(view) in (NOT_FOUND, NOT_RETURNED)
+    if point.static or view in point.pixel_in:
+        return False
+    return points["status"].sel(view=view, point=point.name).item() in (NOT_FOUND, NOT_RETURNED)
 
 
 def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]:
-    """Matches of every view with the reference that agree with a known rig."""
+    """Matches of every view with the reference view that agree with a known rig."""
     found = []
     for index in range(1, len(images)):
         first, second = match_features(images[0], images[index])
@@ -152,7 +165,7 @@ def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]
     return tuple(found)
 
 
-def _pair(matches: Sequence[Matches], first: int, second: int) -> Matches:
+def _between(matches: Sequence[Matches], first: int, second: int) -> Matches:
     """The matches between two views in this order; empty when there are none."""
     for m in matches:
         if (m.first, m.second) == (first, second):

@@ -3,13 +3,16 @@
 from vfm_sdm.stages.synchronize.alignment import align_views
 from vfm_sdm.stages.synchronize.lag import LagStatus, Synchronization, estimate_lag
 from vfm_sdm.stages.synchronize.recordings import estimate_sensor_lag, estimate_view_lag, synchronize_views
+from vfm_sdm.stages.synchronize.views import STATED, synchronize_tracks
 
 __all__ = [
+    "STATED",
     "LagStatus",
     "Synchronization",
     "align_views",
     "estimate_lag",
     "estimate_sensor_lag",
     "estimate_view_lag",
+    "synchronize_tracks",
     "synchronize_views",
 ]

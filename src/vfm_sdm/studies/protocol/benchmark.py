@@ -9,6 +9,7 @@ import xarray as xr
 
 from vfm_sdm.analysis.evaluation import Evaluation
 from vfm_sdm.analysis.evaluation.metrics import Score
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import ResultsError, VfmSdmError
 from vfm_sdm.studies.protocol import report
 from vfm_sdm.studies.protocol.figures import save_protocol_figures
@@ -17,7 +18,6 @@ from vfm_sdm.studies.protocol.records import AGAINST, Benchmark, TestResult
 from vfm_sdm.studies.protocol.runs import (
     FieldTest,
     MethodRun,
-    Progress,
     measure_geometry,
     prepare_field_test,
     run_method,
@@ -70,7 +70,7 @@ def run_benchmark(
     tables = {table.name: table for table in _tables(results, rows)}
     for table in tables.values():
         write_table(out / "tables", table)
-    with _saying(progress, "figures"):
+    with _announced(progress, "figures"):
         figures = save_protocol_figures(out / "figures", results, rows)
     seconds = time.perf_counter() - start
     report.write_summary(out, tables, size=size, seconds=seconds)
@@ -94,14 +94,14 @@ def _run_test(out: Path, name: PresetName, size: Size, progress: Progress | None
                 if twin in evaluations:
                     evaluations[method] = evaluations[twin]
             continue
-        with _saying(progress, f"{name}: {method.label}"):
+        with _announced(progress, f"{name}: {method.label}"):
             try:
                 if method == MONOCULAR:
                     run = run_monocular(test, place, progress=progress)
                 else:
                     run, costs = run_method(test, method, place, progress=progress)
                     if method == OURS:
-                        result.costs = [*costs, *measure_geometry(test, run)]
+                        result.costs = [*costs, *measure_geometry(run)]
             except VfmSdmError as error:
                 # One method that fails on one field test is a line in the tables, not the end of the protocol.
                 run = MethodRun(None, status=str(error))
@@ -178,7 +178,7 @@ def _gaps(methods: Sequence[Method], results: Mapping[str, TestResult], against:
 
 
 @contextmanager
-def _saying(progress: Progress | None, what: str) -> Iterator[None]:
+def _announced(progress: Progress | None, what: str) -> Iterator[None]:
     if progress is not None:
         progress(what, 0, None)
     yield

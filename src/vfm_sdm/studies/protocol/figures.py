@@ -20,7 +20,6 @@ from vfm_sdm.outputs.plots.protocol import (
     plot_trajectories,
     save_figure,
 )
-from vfm_sdm.pipeline import synchronize_tracks
 from vfm_sdm.signals.clocks import even_clock, interpolate
 from vfm_sdm.signals.filters import band_pass
 from vfm_sdm.studies.protocol.methods import OURS, WITHOUT_SGR
@@ -56,15 +55,14 @@ def save_protocol_figures(
 
 def _test_figures(result: TestResult) -> Iterator[tuple[str, Figure]]:
     run, before = result.runs.get(OURS), result.runs.get(WITHOUT_SGR)
-    if run is None or before is None or run.displacement is None or before.displacement is None:
+    if run is None or before is None or run.displacement is None or before.displacement is None or run.aligned is None:
         return
-    tracks = synchronize_tracks(result.test.session, run.tracks)[0]
+    tracks = run.aligned
     for point in result.test.monitored:
         yield f"{point}_trajectories", plot_trajectories(tracks, point=point)
         if not result.test.plan.within_assumptions:
             continue
-        number = [str(p) for p in run.displacement["point"].values].index(point)
-        view = str(np.atleast_1d(run.displacement.attrs["refined_view"])[number])
+        view = str(run.displacement["refined_view"].sel(point=point).item())
         if view:
             refined = _refined(tracks, run.displacement, view, point)
             yield f"{point}_refinement", _of(plot_refinement(tracks, refined, view=view, point=point))

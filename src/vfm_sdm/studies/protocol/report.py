@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from vfm_sdm.core.files import replace_file
+from vfm_sdm.outputs.results import describe_clocks
 from vfm_sdm.studies.protocol.methods import OURS, WITHOUT_SGR, Method
 from vfm_sdm.studies.protocol.records import TestResult
 from vfm_sdm.studies.protocol.sensitivity import SensitivityRow
@@ -86,11 +87,10 @@ def clock_table(results: _Results) -> Table:
     for name, result in results.items():
         run, truth = result.runs.get(OURS), result.test.truth.attrs
         second = result.test.session.view[1].name
-        if run is not None and run.displacement is not None and f"clock_{second}" in run.displacement.attrs:
-            offset, std, _ = (float(x) for x in run.displacement.attrs[f"clock_{second}"])
-            true = float(truth["second_view_offset_s"])
-            status = str(run.displacement.attrs[f"clock_{second}_status"])
-            rows.append((name, "second view", true, offset, 1e3 * (offset - true), 1e3 * std, status))
+        clock = describe_clocks(run.displacement).get(second) if run and run.displacement is not None else None
+        if clock is not None:
+            true, offset, std = float(truth["second_view_offset_s"]), clock["offset_s"], clock["offset_std_s"]
+            rows.append((name, "second view", true, offset, 1e3 * (offset - true), 1e3 * std, clock["status"]))
         evaluation = result.evaluations["accelerometers"].get(OURS)
         if evaluation is not None and evaluation.synchronization is not None:
             found = evaluation.synchronization

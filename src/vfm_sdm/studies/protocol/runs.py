@@ -1,8 +1,8 @@
 """Runs of the methods on the field tests; what is finished on disk is not done again."""
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from shutil import copyfile
 
@@ -10,18 +10,16 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.evaluation import Evaluation, evaluate, read_sensors
-from vfm_sdm.core.datasets import make_displacement
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.core.netcdf import read_displacement
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.geometry.triangulation import triangulate
-from vfm_sdm.inputs.session import Session, open_views, read_session, write_session
-from vfm_sdm.measurement import Run
+from vfm_sdm.inputs.session import Length, Point, Session, Site, read_session, write_session
+from vfm_sdm.measurement import Measurement
+from vfm_sdm.outputs.plots import file_stem
 from vfm_sdm.outputs.results import write_displacement
-from vfm_sdm.pipeline import displacement_of, synchronize_tracks
 from vfm_sdm.stages.cameras.solution import CameraSolution
-from vfm_sdm.stages.displacement.monocular import planar_displacement, scale_factor
 from vfm_sdm.stages.refinement import refine
-from vfm_sdm.stages.tracking.template import TemplateTracker
 from vfm_sdm.studies.protocol.cost import Cost, measure_cost
 from vfm_sdm.studies.protocol.methods import MONOCULAR, Method
 from vfm_sdm.studies.synthetic.field_test import make_field_test
@@ -30,17 +28,15 @@ from vfm_sdm.studies.synthetic.plan import Preset
 __all__ = [
     "FieldTest",
     "MethodRun",
-    "Progress",
     "measure_geometry",
     "prepare_field_test",
     "run_method",
     "run_monocular",
 ]
 
-Progress = Callable[[str, int, int | None], None]
-
 _KNOWN_HEIGHT_M, _KNOWN_HEIGHT_STD = 0.5, 0.005
 """A dimension beside each point that gives the monocular baseline its scale, and its relative standard deviation."""
+_ENDS = ("upper end", "lower end")
 _PICK_STD_PX = 0.5
 """How well its two ends are pointed at."""
 _REPETITIONS = 5
@@ -98,15 +94,15 @@ class MethodRun:
         ``None`` where there is none; ``status`` says why.
     cameras
         ``None`` for the monocular baseline.
-    tracks
-        By view, each on its own clock.
+    aligned
+        Tracks that the displacement was made of, on one clock, before any refinement; ``None`` where there are none.
     status
-        Of the cameras.
+        Status of the cameras.
     """
 
     displacement: xr.Dataset | None
     cameras: CameraSolution | None = None
-    tracks: Mapping[str, xr.Dataset] = field(default_factory=dict)
+    aligned: xr.Dataset | None = None
     status: str = "ok"
 
 
@@ -148,8 +144,8 @@ def run_method(
         session = session.model_copy(update={"view": tuple(views)})
     place = folder / method.run_name
     place.mkdir(parents=True, exist_ok=True)
-    run = Run(session, place, progress)
-    run.check_method()
+    measurement = Measurement(session, place, progress=progress)
+    measurement.check_method()
     write_session(place / "session.resolved.toml", session)
     # Trackers share the cameras and their cost; a run takes the files only if they belong to the same inputs.
     if not (place / "cameras.toml").exists():
@@ -158,24 +154,24 @@ def run_method(
             copyfile(cost, place / "costs.json")
     frames = f"{test.plan.frames} frames, {len(session.point)} points"
     with measure_cost("camera parameter estimation", f"{len(session.view)} frames") as of_cameras:
-        cameras = run.cameras()
+        cameras = measurement.cameras
     # Now already, lest a run that is cut short while tracking forgets it.
-    _kept(place / "costs.json", [of_cameras], run.reused)
+    _keep_costs(place / "costs.json", [of_cameras], measurement.reused)
     with measure_cost("point tracking", frames, calls=len(session.view)) as of_tracking:
-        tracks = run.tracks(cameras)
-    costs = _kept(place / "costs.json", [of_cameras, of_tracking], run.reused)
-    displacement = displacement_of(session, tracks, cameras)
-    if displacement is not None:
-        write_displacement(place / method.refinement, displacement)
-    return MethodRun(displacement, cameras, tracks, cameras.status), costs
+        _ = measurement.tracks
+    costs = _keep_costs(place / "costs.json", [of_cameras, of_tracking], measurement.reused)
+    if (displacement := measurement.displacement) is None:
+        return MethodRun(None, cameras, None, cameras.status), costs
+    write_displacement(place / method.refinement, displacement)
+    return MethodRun(displacement, cameras, measurement.aligned, cameras.status), costs
 
 
-def measure_geometry(test: FieldTest, run: MethodRun) -> list[Cost]:
+def measure_geometry(run: MethodRun) -> list[Cost]:
     """What triangulation and refinement of one point cost, the least of a few repetitions."""
-    if run.cameras is None or run.cameras.rig is None or run.cameras.frame is None:
+    if run.aligned is None or run.cameras is None or run.cameras.rig is None or run.cameras.frame is None:
         return []
     rig, frame = run.cameras.rig, run.cameras.frame
-    aligned = synchronize_tracks(test.session, run.tracks)[0].isel(point=[0])
+    aligned = run.aligned.isel(point=[0])
     size = f"{aligned.sizes['time']} frames, 1 point"
     costs = []
     for task, work in (
@@ -192,60 +188,58 @@ def measure_geometry(test: FieldTest, run: MethodRun) -> list[Cost]:
 
 
 def run_monocular(test: FieldTest, folder: Path, *, progress: Progress | None = None) -> MethodRun:
-    """The paper's baseline: targets in the left view to 1/16 px, times a scale factor; vertical only.
+    """The paper's baseline, measured as its users do: one view, and a known height beside each point; vertical only.
+
+    Parameters
+    ----------
+    test
+        The field test.
+    folder
+        For all methods on this test.
+    progress
+        Called with what is being done.
 
     Notes
     -----
-    The scale comes from a known height of the structure at each point, as the pixels between its ends tell it: with
-    the errors of a drawing (0.5 %) and of pointing at both ends (0.5 px each). Image rows are taken for vertical.
+    Each monitored point is a session of its own, whose scale is the height of the structure at this point: with the
+    errors of a drawing (0.5 %) and of pointing at both ends (0.5 px each). Image rows are taken for vertical.
     """
-    place = folder / "monocular"
-    kept = place / "displacement.nc"
-    source = json.dumps([test.truth.attrs["films"], test.plan.seed])
-    if kept.exists():
-        earlier = read_displacement(place)
-        if earlier.attrs.get("source") == source:
-            return MethodRun(earlier)
-    view = test.session.reference_view.name
-    video = open_views(test.session)[view]
+    columns = []
+    for session in _monocular_sessions(test):
+        point = session.point[0].name
+        measurement = Measurement(session, folder / "monocular" / file_stem(point), progress=progress)
+        displacement = measurement.displacement
+        if displacement is None:
+            return MethodRun(None, status=measurement.cameras.status)
+        columns.append(displacement.sel(point=[point], axis=["down"]).assign_coords(axis=["vertical"]))
+    displacement = xr.concat(columns, dim="point", join="exact", combine_attrs="drop_conflicts")
+    return MethodRun(displacement.assign_attrs(method=MONOCULAR.label))
+
+
+def _monocular_sessions(test: FieldTest) -> Iterator[Session]:
+    """A session of the reference view for each monitored point, with the ends of a known height beside it."""
     camera = test.plan.site.cameras()[0]
     points = [p for p in test.plan.points if p.name in test.monitored]
-    tracker = TemplateTracker(subset_px=test.session.method.subset_px)
-    tracks = tracker.track(
-        video,
-        np.array([camera.project(np.array(point.position)) for point in points]),
-        names=[point.name for point in points],
-        progress=None if progress is None else lambda done: progress("monocular baseline", done, test.plan.frames),
-    )
+    view = test.session.reference_view
+    method = {"tracker": MONOCULAR.tracker, "refinement": "none", "still_interval_s": (0.0, test.plan.still_s)}
     rng = np.random.default_rng([test.plan.seed, len(points)])
-    columns = []
     for point in points:
         half = np.array([0.0, _KNOWN_HEIGHT_M / 2, 0.0])
         ends = [camera.project(point.position + sign * half) + rng.normal(0, _PICK_STD_PX, 2) for sign in (-1, 1)]
         height = _KNOWN_HEIGHT_M * (1 + rng.normal(0, _KNOWN_HEIGHT_STD))
-        factor = scale_factor(ends[0], ends[1], 1e3 * height)
-        columns.append(planar_displacement(tracks.sel(point=[point.name]), factor).sel(axis=["down"]))
-    planar = xr.concat(columns, dim="point", join="exact")
-    still = planar["time"] <= test.plan.still_s
-    values = planar["displacement"] - planar["displacement"].where(still).mean("time")
-    shape = values.transpose("time", "point", "axis").shape
-    displacement = make_displacement(
-        planar["time"].values,
-        [point.name for point in points],
-        ["vertical"],
-        displacement_mm=values.transpose("time", "point", "axis").values,
-        displacement_std_mm=planar["displacement_std"].transpose("time", "point", "axis").values,
-        scale_std=np.full(shape[1:], _KNOWN_HEIGHT_STD),
-        position_m=np.full(shape, np.nan),
-        reprojection_error_px=np.full(shape[:2], np.nan),
-        status=planar["status"].transpose("time", "point").values,
-        attrs={"frame": "image plane", "method": MONOCULAR.label, "source": source},
-    )
-    write_displacement(place, displacement)
-    return MethodRun(displacement)
+        places = {point.name: camera.project(np.array(point.position)), **dict(zip(_ENDS, ends, strict=True))}
+        length = Length(points=_ENDS, value=height, std=_KNOWN_HEIGHT_STD * height)
+        yield test.session.model_copy(
+            update={
+                "view": (view,),
+                "point": tuple(Point(name=n, view=view.name, pixel=tuple(uv.tolist())) for n, uv in places.items()),
+                "site": Site(length=(length,)),
+                "method": test.session.method.model_copy(update=method),
+            }
+        )
 
 
-def _kept(path: Path, costs: list[Cost], reused: list[str]) -> list[Cost]:
+def _keep_costs(path: Path, costs: list[Cost], reused: list[str]) -> list[Cost]:
     """Costs of stages as they were when they were run, not those of reading their results again."""
     earlier = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     names = {"cameras": "camera parameter estimation", "tracking": "point tracking"}

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.studies.protocol.methods import OURS, WITHOUT_SGR, Method
-from vfm_sdm.studies.protocol.runs import FieldTest, Progress, prepare_field_test, run_method
+from vfm_sdm.studies.protocol.runs import FieldTest, prepare_field_test, run_method
 from vfm_sdm.studies.synthetic.motion import Motion
 from vfm_sdm.studies.synthetic.plan import Preset, Recording
 from vfm_sdm.studies.synthetic.presets import Size, preset

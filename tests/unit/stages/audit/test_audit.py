@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from faults import FAULTS, GOOD, good_run
-from measurements import MOVING, Simulated, simulate
+from measurements import MOVING, Simulated, measured, simulate
 from parallel import in_processes
 from textures import WaveTexture
 from vfm_sdm.commands.tables import audit_report
 from vfm_sdm.outputs.plots import plot_audit
-from vfm_sdm.pipeline import audit_of, displacement_of
 from vfm_sdm.stages.audit import Audit, AuditCheck, Outcome, Verdict
 from vfm_sdm.stages.audit.model import judge
 from vfm_sdm.stages.cameras.priors import CONTRADICTION
@@ -25,8 +24,7 @@ FOUND = 0.95
 def audited(run: Simulated, *, refinement: str = "none", frames=None) -> Audit:
     method = run.session.method.model_copy(update={"refinement": refinement})
     session = run.session.model_copy(update={"method": method})
-    displacement = displacement_of(session, run.tracks, run.solution)
-    found = audit_of(session, run.tracks, run.solution, displacement, frames)
+    found = measured(session, run.tracks, run.solution, frames=frames or {}).audit
     assert found is not None
     return found
 
@@ -149,13 +147,13 @@ def test_a_clock_that_drifts_is_found():
 def test_recordings_that_lack_frames_are_named():
     run = good_run(0)
     tracks = {
-        v: t.assign_attrs(decode_frames=200, decode_dropped=0, decode_duplicated=0) for v, t in run.tracks.items()
+        v: t.assign_attrs(recording={"frames": 200, "dropped": 0, "duplicated": 0}) for v, t in run.tracks.items()
     }
     assert audited(replace(run, tracks=tracks))["recordings"].outcome == Outcome.PASS
-    tracks["right"].attrs["decode_dropped"] = 4
+    tracks["right"].attrs["recording"]["dropped"] = 4
     found = audited(replace(run, tracks=tracks))["recordings"]
     assert (found.outcome, found.where, found.figure) == (Outcome.CAUTION, "right", 0.02)
-    tracks["left"].attrs["decode_status"] = "truncated"
+    tracks["left"].attrs["recording"]["status"] = "truncated"
     assert audited(replace(run, tracks=tracks))["recordings"].where == "left"
 
 

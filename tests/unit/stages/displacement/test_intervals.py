@@ -5,11 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from measurements import MOVING, STILL_S, Simulated, simulate
+from measurements import MOVING, STILL_S, Simulated, measured, simulate
 from parallel import in_processes
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status
-from vfm_sdm.pipeline import displacement_of
 
 AXES = ("lateral", "vertical")
 REFINEMENTS = ("none", "sgr")
@@ -21,7 +20,7 @@ def share_within(measurement: Simulated, refinement: str) -> FloatArray:
     """Share of the moving part's samples whose interval holds the truth, shape (2,): lateral, vertical."""
     method = measurement.session.method.model_copy(update={"refinement": refinement})
     session = measurement.session.model_copy(update={"method": method})
-    displacement = displacement_of(session, measurement.tracks, measurement.solution)
+    displacement = measured(session, measurement.tracks, measurement.solution).displacement
     assert displacement is not None
     chosen = {"point": list(MOVING), "axis": list(AXES)}
     moving = displacement["time"].values > STILL_S[1]

@@ -43,8 +43,8 @@ def make_evaluation(nrmse=0.1, *, estimate_mm=5.0, reference_mm=4.0, clock=None)
 
 def make_displacement_with_clock(offset_s, std_s, status):
     shape = (10, 2, 3)
-    attrs = {"clock_right": [offset_s, std_s, 1.0], "clock_right_status": status}
-    return make_displacement(
+    clock = {"offset": [0.0, offset_s], "offset_std": [0.0, std_s], "rate": [1.0, 1.0], "status": ["ok", status]}
+    displacement = make_displacement(
         np.arange(10) / 30,
         list(POINTS),
         STRUCTURE_AXES,
@@ -54,8 +54,10 @@ def make_displacement_with_clock(offset_s, std_s, status):
         position_m=np.zeros(shape),
         reprojection_error_px=np.zeros(shape[:2]),
         status=np.zeros(shape[:2], int),
-        attrs={"frame": "structure", **attrs},
+        attrs={"frame": "structure"},
     )
+    facts = {f"clock_{name}": ("view", values) for name, values in clock.items()}
+    return displacement.assign(facts).assign_coords(view=["left", "right"])
 
 
 def make_result(name="data-1", **changes):
