@@ -13,15 +13,15 @@ from vfm_sdm.inputs.video import Video
 __all__ = ["TRACKERS", "Tracker", "find_tracker", "tracker_of"]
 
 
-_POLISHED = ("vfm_sdm.stages.tracking.hybrid", "PolishedTracker", ("subset_px", "network"))
+_HYBRID = ("vfm_sdm.stages.tracking.hybrid", "HybridTracker", ("subset_px", "network"))
 
 TRACKERS = {
     "icgn": Backend("vfm_sdm.stages.tracking.icgn", "IcgnTracker", ("subset_px",)),
     "template": Backend("vfm_sdm.stages.tracking.template", "TemplateTracker", ("subset_px",)),
     "vggt": Backend("vfm_sdm.stages.tracking.vggt", "VggtTracker", ("network",)),
     "tapir": Backend("vfm_sdm.stages.tracking.tapir", "TapirTracker", ("network",)),
-    "vggt+icgn": Backend(*_POLISHED, {"follower": "vggt"}),
-    "tapir+icgn": Backend(*_POLISHED, {"follower": "tapir"}),
+    "vggt+icgn": Backend(*_HYBRID, {"follower": "vggt"}),
+    "tapir+icgn": Backend(*_HYBRID, {"follower": "tapir"}),
 }
 """Every tracker by its name."""
 

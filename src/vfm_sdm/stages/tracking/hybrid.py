@@ -1,4 +1,4 @@
-"""A network finds and follows, subset registration polishes: sub-pixel positions with covariance, and two witnesses."""
+"""Hybrid trackers: a network follows the points, and subset registration measures them to a fraction of a pixel."""
 
 from collections.abc import Callable, Sequence
 
@@ -13,10 +13,10 @@ from vfm_sdm.stages.tracking.base import find_tracker
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.inputs import check_counts
 
-__all__ = ["PolishedTracker"]
+__all__ = ["HybridTracker"]
 
 
-class PolishedTracker:
+class HybridTracker:
     """Trackers ``vggt+icgn`` and ``tapir+icgn``.
 
     Parameters
@@ -51,7 +51,7 @@ class PolishedTracker:
         self.name = f"{follower}+icgn"
         check_counts(self.name, agreement_px=agreement_px)
         self.follower = find_tracker(follower, network=network)
-        self.polisher = IcgnTracker(subset_px=subset_px)
+        self.registration_tracker = IcgnTracker(subset_px=subset_px)
         self.agreement_px = agreement_px
 
     @property
@@ -74,7 +74,7 @@ class PolishedTracker:
         expected = coarse["position"].values
         count = len(expected)
         shown = None if progress is None else lambda done: progress((count + 1) // 2 + done - (done + 1) // 2)
-        tracks = self.polisher.track(
+        tracks = self.registration_tracker.track(
             video, points2d, names=names, reference_frame=reference_frame, progress=shown, expected=expected
         )
         disagreement = np.linalg.norm(tracks["position"].values - expected, axis=2)

@@ -13,7 +13,7 @@ from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, check_subset_px
 from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
-from vfm_sdm.stages.tracking.split_subset import SubsetHalves
+from vfm_sdm.stages.tracking.split_subset import SplitSubsets
 
 __all__ = ["IcgnTracker"]
 
@@ -149,13 +149,13 @@ class IcgnTracker:
             Points lie outside the image, names are not distinct, or there is no such reference frame.
         """
         points = check_points(points2d, names, video)
-        records: list[tuple[_Record, SubsetHalves]] = []
+        records: list[tuple[_Record, SplitSubsets]] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
                 bank = SubsetBank.prepare(reference, points, subset_px=self.subset_px, executor=executor)
                 record = _Record(bank, Follower(bank, reference, self.settings, executor))
-                halves = SubsetHalves(reference, bank, executor)
+                halves = SplitSubsets(reference, bank, executor)
                 records.append((record, halves))
                 shown = iter(() if expected is None else expected)
                 return lambda luma: halves.advance(luma, record.advance(luma, next(shown, None)))

@@ -7,14 +7,14 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
 
-__all__ = ["SubsetHalves"]
+__all__ = ["SplitSubsets"]
 
 _LEAST_SIDE_PX = 11
 _EVERY = 4
 """Frames between two looks: enough for a root mean square, at a small part of the tracking's cost."""
 
 
-class SubsetHalves:
+class SplitSubsets:
     """Squares of half the side in the left and right half of every subset of a bank.
 
     Parameters

@@ -8,7 +8,7 @@ from scipy.signal import firwin
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
 from vfm_sdm.core.datasets import check_tracks
 
-__all__ = ["include_scatter"]
+__all__ = ["include_track_noise"]
 
 _TAPS = 41
 _EDGE = 0.8
@@ -18,7 +18,7 @@ _KAISER = 9.0
 _WINDOW_S = 3.0
 
 
-def include_scatter(tracks: xr.Dataset) -> xr.Dataset:
+def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
     """Tracks whose covariances are raised to the scatter that the positions show near the Nyquist frequency.
 
     Parameters
