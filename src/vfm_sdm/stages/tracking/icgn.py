@@ -134,7 +134,7 @@ class IcgnTracker:
         progress
             Called with the number of frames done so far.
         expected
-            Where another tracker saw the points, shape (T, P, 2) [px]: registrations start there, NaN says nothing.
+            Where another tracker saw the points, shape (T, P, 2) [px]: registrations start there, unless it is NaN.
 
         Returns
         -------
@@ -157,8 +157,8 @@ class IcgnTracker:
                 record = _Record(bank, Follower(bank, reference, self.settings, executor))
                 halves = SplitSubsets(reference, bank, executor)
                 records.append((record, halves))
-                shown = iter(() if expected is None else expected)
-                return lambda luma: halves.advance(luma, record.advance(luma, next(shown, None)))
+                places = iter(() if expected is None else expected)
+                return lambda luma: halves.advance(luma, record.advance(luma, next(places, None)))
 
             time_s = follow_frames(video, reference_frame, begin, progress)
         record, halves = records[0]
@@ -185,7 +185,7 @@ class IcgnTracker:
 
 
 class _Record:
-    """What a follower found in all frames so far; covariances are computed for many frames at one time."""
+    """Registrations of a follower in all frames so far; covariances are computed for many frames at a time."""
 
     def __init__(self, bank: SubsetBank, follower: Follower) -> None:
         self._bank, self._follower = bank, follower
@@ -193,7 +193,15 @@ class _Record:
         self._closed: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []
 
     def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> RawRegistration:
-        """Takes the next frame, and where the points should be in it (P, 2) [px]; returns what was found in it."""
+        """Registrations in the next frame.
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        expected
+            Where the points should be in it, shape (P, 2) [px].
+        """
         found = self._follower.advance(luma, expected)
         self._open.append(found)
         if len(self._open) == _CHUNK:

@@ -26,17 +26,17 @@ def track_views(
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
 
-    Covariances are raised to what the tracks scatter by, see `include_track_noise`.
-    What the decoder said of each recording is the attribute ``recording`` of its tracks, a table.
+    Covariances are raised to the scatter of the tracks, see `include_track_noise`. The decoder's report on each
+    recording is the attribute ``recording`` of its tracks, a table.
 
     Parameters
     ----------
     videos
         Recordings by view name.
     points
-        Points dataset: pixels in the first frame of every view.
+        Points dataset: positions in the first frame of every view, shape (V, P, 2) [px].
     tracker
-        What follows them.
+        Tracker that follows the points.
     progress
         Called with the view and the frames done.
 
