@@ -54,9 +54,9 @@ def narrow(model: M, reads: Sequence[str], *, always: Sequence[str] = ()) -> M:
             values[name] = narrow(value, inner)
         elif inner and isinstance(value, tuple):
             values[name] = tuple(narrow(one, inner) if isinstance(one, BaseModel) else one for one in value)
-        elif isinstance(value, tuple):
-            values[name] = ()
+        elif field.is_required():
+            values[name] = () if isinstance(value, tuple) else None
         else:
-            values[name] = None if field.is_required() else field.get_default(call_default_factory=True)
+            values[name] = field.get_default(call_default_factory=True)
     values |= {name: table for name, table in tables.items() if name in reads}
     return type(model).model_construct(**values)
