@@ -5,16 +5,32 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 # A worker a processor: more threads would wait for each other, and how many there are decides how sums round. Libraries
 # read this when they are first imported, processes that tests start when they begin.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# The same examples in every run, on every machine, however busy it is; --hypothesis-profile=default draws new ones.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
 
 _ROOT = Path(__file__).resolve().parents[1]
 
 
 def _shared_folder() -> Path:
     return Path(os.environ.get("VFM_SDM_SHARED", _ROOT.parent / "shared"))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Order of the tests."""
+    parser.addoption("--backwards", action="store_true", help="run the last test first: no test may need another")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Files, and the tests in them, from the last to the first where that was asked for."""
+    if config.getoption("--backwards"):
+        items.reverse()
 
 
 @pytest.fixture(scope="session", autouse=True)

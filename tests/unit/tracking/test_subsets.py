@@ -299,7 +299,7 @@ def test_gradients_of_mere_noise_get_no_covariance():
 
 
 def test_reference_against_itself_is_exact(texture, reference):
-    """As exact as sums in single precision: three make the residual, of 41 x 41 products each, in four lanes or more."""
+    """As exact as the residual: three sums in single precision, of 41 x 41 products each in four lanes or more."""
     registration = register_subset(reference, reference, POINTS + 0.3, POINTS + 0.3)
     np.testing.assert_allclose(registration.position, POINTS + 0.3, rtol=0, atol=1e-5)
     # Each addition rounds by half an eps of what has been summed up so far, on average half of the sum.
