@@ -17,21 +17,32 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Site
-from vfm_sdm.stages.cameras.site_problem import SiteProblem
+from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["DISAGREE", "NOT_CONVERGED", "NOT_IDENTIFIABLE", "SiteAdjustment", "SiteQuantity", "adjust_to_site"]
+__all__ = [
+    "DISAGREE",
+    "NOT_CONVERGED",
+    "NOT_IDENTIFIABLE",
+    "UNKNOWN_DISTANCE",
+    "SiteAdjustment",
+    "SiteQuantity",
+    "adjust_to_site",
+]
 
 DISAGREE = "priors and images disagree"
 """Some quantity left its prior or its measured value by more than three standard deviations."""
 NOT_IDENTIFIABLE = "focal length not determined"
 """No focal prior and nothing measured on site that fixes the focal length: displacement has no usable scale."""
+UNKNOWN_DISTANCE = "distance of a further camera not determined"
+"""Nothing tells how far a third camera stands: too few points that three views see, and nothing measured to it."""
 NOT_CONVERGED = "site adjustment did not converge"
 
 _DISAGREEMENT_STD = 3.0
 _DETERMINED = 0.9
 """A quantity counts as determined by the data when its std fell below this share of its prior std."""
 _USABLE_FOCAL_STD = 0.1
+_USABLE_DISTANCE_STD = 0.1
 
 
 @dataclass(frozen=True)
@@ -233,8 +244,16 @@ def _verdict(
         f"{q.name}: known to {100 * q.std / q.value:.0f} % only; state the lens, or measure a range to a point"
         for q in unusable
     ]
+    unplaced = [q for q in quantities if q.name.startswith(DISTANCE) and q.std > _USABLE_DISTANCE_STD * q.value]
+    notes += [
+        f"{q.name}: known to {100 * q.std / q.value:.0f} % only; choose views that overlap more, so that three see the "
+        "same points"
+        for q in unplaced
+    ]
     if not converged:
         return NOT_CONVERGED, tuple(notes)
     if unusable:
         return NOT_IDENTIFIABLE, tuple(notes)
+    if unplaced:
+        return UNKNOWN_DISTANCE, tuple(notes)
     return (DISAGREE if disagreeing else "ok"), tuple(notes)
