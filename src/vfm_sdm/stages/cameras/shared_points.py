@@ -1,7 +1,7 @@
 """Scene points that three views or more see: chained from the matches of pairs, weighed by what they say together.
 
-The epipolar lines of pairs do not tell how far a third camera stands when it is in a row with the other two: moved along
-the row, it keeps all of them. Only rays of three views through one point do.
+The epipolar lines of pairs do not tell how far a third camera stands when it is in a row with the other two: moved
+along the row, it keeps all of them. Only rays of three views through one point do.
 """
 
 from collections.abc import Sequence

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import interp1d
 
-from vfm_sdm.core.arrays import FloatArray, IntArray
-from vfm_sdm.core.datasets import Status, check_tracks
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import Status, check_tracks, worst_status
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.resampling import interpolate_runs
 
@@ -98,7 +98,7 @@ def _on_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack: flo
     for index in range(tracks.sizes["point"]):
         position[:, index] = interpolate_runs(have, tracks["position"].values[:, index], want)
     before = np.clip(np.searchsorted(have, want, side="right") - 1, 0, have.size - 2)
-    status = _worse(tracks["status"].values[before], tracks["status"].values[before + 1])
+    status = worst_status([tracks["status"].values[before], tracks["status"].values[before + 1]])
     status = np.where(np.isnan(position).any(axis=-1) & (status == Status.OK), Status.LOST, status)
     covariance = interp1d(have, tracks["position_covariance"].values, axis=0, bounds_error=False)(want)
     moved = tracks.isel(time=np.zeros(want.size, dtype=int)).assign_coords(time=("time", want, {"units": "s"}))
@@ -107,9 +107,3 @@ def _on_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack: flo
     moved["position_covariance"] = moved["position_covariance"].copy(data=covariance)
     moved["status"] = moved["status"].copy(data=status.astype(np.int8))
     return moved, True
-
-
-def _worse(first: IntArray, second: IntArray) -> IntArray:
-    """The status that says more against a sample: missing before unreliable before ok."""
-    severity = np.array([0, 2, 3, 1])
-    return np.where(severity[first] >= severity[second], first, second)
