@@ -7,6 +7,7 @@ import xarray as xr
 from simulation import project_all, simple_rig
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.netcdf import read_displacement, write_displacement
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
 from vfm_sdm.stages.displacement.agreement import compute_gain_difference, compute_pair_differences
@@ -101,7 +102,7 @@ def test_status_is_that_of_the_views_that_were_used():
 
 @pytest.mark.parametrize("hidden", [(0, HIDDEN, 0), (2, slice(0, 30), 0), (1, slice(30, 90), 0)])
 def test_a_view_that_joins_or_leaves_makes_no_step(hidden):
-    """Each view tracks a spot of its own, half a pixel aside: some millimetres between positions of other views."""
+    """Each view tracks a spot of its own, half a pixel aside, so that other views put the point elsewhere."""
     tracks = tracks_of(clicked_px=0.5, hidden=[hidden], seed=3)
     result = compute_displacement(tracks, RIG, frame=FRAME)
     np.testing.assert_allclose(result["displacement"].values, np.broadcast_to(true_motion_mm(), (90, 2, 3)), atol=0.01)
@@ -109,7 +110,7 @@ def test_a_view_that_joins_or_leaves_makes_no_step(hidden):
     view, frames, _ = hidden
     others = [v for v in range(3) if v != view]
     aside = compute_displacement(*pair_of(RIG, tracks, *others), frame=FRAME)["position"].values[frames, 0]
-    assert np.abs(1e3 * (aside - result["position"].values[frames, 0])).max() > 0.3
+    assert np.abs(1e3 * (aside - result["position"].values[frames, 0])).max() > 0.05
 
 
 def test_samples_that_share_no_two_views_with_the_rest_are_not_trusted():
@@ -130,9 +131,8 @@ def test_stated_random_std_is_the_scatter_whoever_sees():
         )
         for s in range(60)
     ]
-    deviation = np.stack(
-        [1e3 * (e["position"] - e["position"].isel(time=slice(0, 40)).mean("time")).values for e in errors]
-    )
+    positions = np.stack([1e3 * e["position"].values for e in errors])
+    deviation = positions - positions[:, :40].mean(axis=1, keepdims=True)
     stated = np.stack([e["displacement_std"].values for e in errors]).mean(axis=0)
     for frames in (slice(0, 40), slice(40, 60), slice(60, 90)):
         scatter = np.sqrt(np.mean(deviation[:, frames, 0] ** 2, axis=(0, 1)))
@@ -197,9 +197,6 @@ def test_the_pair_that_disagrees_is_named():
 
 
 def test_results_are_written_and_read_back(tmp_path):
-    from vfm_sdm.core.netcdf import read_displacement
-    from vfm_sdm.outputs.results import write_displacement
-
     result = compute_displacement(tracks_of(hidden=[(2, HIDDEN, 0)]), RIG, frame=FRAME)
     write_displacement(tmp_path, result)
     again = read_displacement(tmp_path)
