@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from passes import count_passes
 from scenes import FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_points, make_tracks
 from vfm_sdm.core.netcdf import read_displacement, read_tracks
-from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError, SessionError
+from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
 from vfm_sdm.inputs.session import Session, open_views, read_session, write_session
@@ -106,14 +107,10 @@ def test_the_summary_lets_a_reviewer_trace_the_figures(measured):
     assert checks["tripods"]["outcome"] == "not possible"
 
 
-def test_finished_stages_are_reused(recorded, measured, monkeypatch):
-    def refuse(*_args, **_kwargs):
-        raise AssertionError("a finished stage was run again")
-
-    monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", refuse)
-    monkeypatch.setattr("vfm_sdm.measurement.track_views", refuse)
+def test_finished_stages_are_reused(recorded, measured):
     again = measure(read_session(recorded), measured[1])
     assert again.summary["reused_stages"] == ["cameras", "tracking"]
+    assert not {"cameras", "tracks"} & set(again.made)
     np.testing.assert_array_equal(again.displacement["displacement"], measured[0].displacement["displacement"])
 
 
@@ -136,6 +133,33 @@ def test_a_changed_setting_runs_only_what_depends_on_it(recording, tmp_path):
     assert again.displacement.attrs["relative_to"] == "mean of the still interval"
     method["tracker"] = "template"
     assert measure(changed(session, method=method), out).summary["reused_stages"] == ["cameras"]
+
+
+@pytest.mark.parametrize(
+    "method", [{"tracker": "icgn"}, {"tracker": "template"}, {"tracker": "icgn", "cameras": "file"}]
+)
+def test_each_product_is_made_once_and_each_recording_decoded_once(recorded, tmp_path, monkeypatch, method):
+    """A first frame for cameras and points, and the one pass that these trackers need."""
+    counted = count_passes(monkeypatch)
+    session = read_session(recorded)
+    chosen = session.model_copy(update={"method": session.method.model_copy(update=method)})
+    result = measure(chosen, tmp_path / "run")
+    assert result.displacement is not None
+    assert set(result.made) == set(Measurement.products())
+    assert set(result.made.values()) == {1}
+    assert [len(of_each) for of_each in counted.values()] == [2, 2, 2]
+    assert {count for of_each in counted.values() for count in of_each.values()} == {1}
+    # Asking again makes nothing again.
+    assert result.aligned is result.aligned
+    assert set(result.made.values()) == {1}
+
+
+def test_asking_for_cameras_decodes_first_frames_only(recorded, monkeypatch):
+    counted = count_passes(monkeypatch)
+    measurement = Measurement(read_session(recorded))
+    assert measurement.cameras.rig is not None
+    assert set(measurement.made) == {"recordings", "frames", "cameras"}
+    assert not counted["passes"]
 
 
 def test_without_a_folder_nothing_is_written(recorded, tmp_path, monkeypatch):
@@ -193,7 +217,7 @@ def test_refusals(recording, tmp_path):
     session = read_session(recording)
     with pytest.raises(DatasetError, match="refinement: expected the structure's axes, got none"):
         measure(changed(session, method={**session.method.model_dump(), "refinement": "sgr"}))
-    with pytest.raises(BackendUnavailableError, match="tracker: expected one of"):
+    with pytest.raises(SessionError, match=r"method\.tracker: expected one of .*, got 'icg'; did you mean 'icgn'"):
         measure(changed(session, method={**session.method.model_dump(), "tracker": "icg"}))
     outside = [{"name": "far", "view": "left", "pixel": [4000.0, 10.0]}]
     with pytest.raises(SessionError, match=r"'far' in view 'left': expected inside 360 x 260, got \(4000, 10\)"):

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vfm_sdm.core.products import Chain
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.studies.protocol import Case, run_benchmark
 from vfm_sdm.studies.protocol.figures import save_protocol_figures
@@ -97,6 +98,18 @@ def refinement_only(monkeypatch):
 
 def refuse(*_args, **_kwargs):
     raise AssertionError("a finished stage was run again")
+
+
+def refuse_making(monkeypatch, name):
+    """From here on a product may be read from a run folder and not be made; its key stays what it was."""
+    fetch = Chain._fetch
+
+    def refuse_it(chain, wanted):
+        found = fetch(chain, wanted)
+        assert wanted.name != name or not chain.made.get(name), f"{name} was made again"
+        return found
+
+    monkeypatch.setattr(Chain, "_fetch", refuse_it)
 
 
 def test_every_table_is_written_with_its_cases_mean_and_std(benchmark):
@@ -229,8 +242,8 @@ def test_the_summary_puts_the_means_beside_the_paper_s(benchmark):
 
 
 def test_a_second_run_does_nothing_again_and_writes_the_same_tables(benchmark, copy, monkeypatch):
-    for stage in ("vfm_sdm.measurement.solve_cameras", "vfm_sdm.measurement.track_views"):
-        monkeypatch.setattr(stage, refuse)
+    for name in ("cameras", "tracks"):
+        refuse_making(monkeypatch, name)
     monkeypatch.setattr("vfm_sdm.studies.synthetic.field_test.film_view", refuse)
     monkeypatch.setattr("vfm_sdm.studies.protocol.benchmark.save_protocol_figures", lambda *_args: [])
     again = run_benchmark(copy, names=("data-2",), sensitivity=False)
@@ -255,9 +268,9 @@ def test_a_killed_run_goes_on_and_gives_the_same_tables(benchmark, copy, refinem
         assert not (copy / "README.md").exists()
 
     kill_at("tracking right")
-    monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", refuse)
+    refuse_making(monkeypatch, "cameras")
     kill_at("data-2: with SGR")
-    monkeypatch.setattr("vfm_sdm.measurement.track_views", refuse)
+    refuse_making(monkeypatch, "tracks")
     resumed = run_benchmark(copy, names=("data-2",), sensitivity=False)
     # Costs are those of the two runs that were killed, not of reading what they left.
     assert all(row[5] > 100 for row in resumed.tables["cost"].rows[:2])

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, mean_of_known
-from vfm_sdm.core.datasets import Status
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import triangulate
 
@@ -100,14 +99,14 @@ class Sightings:
         return np.asarray(np.where(valid.any(axis=0)[:, None], chosen, np.nan))
 
 
-def see_points(pixels: FloatArray, covariance: FloatArray, status: IntArray, rig: Rig) -> Sightings:
+def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, rig: Rig) -> Sightings:
     """Which views to take for each sample, from what their tracks say.
 
     Parameters
     ----------
-    pixels, covariance, status
-        Synchronised tracks of V views: positions (V, T, P, 2) [px], covariances (V, T, P, 2, 2) [px2] and codes of
-        `Status` (V, T, P).
+    pixels, covariance, trusted
+        Synchronised tracks of V views: positions (V, T, P, 2) [px], NaN where missing, their covariances
+        (V, T, P, 2, 2) [px2], and whether the tracker trusts them (V, T, P).
     rig
         V cameras.
 
@@ -115,8 +114,8 @@ def see_points(pixels: FloatArray, covariance: FloatArray, status: IntArray, rig
     -----
     Of two views both are taken as they are. Of more, each point's views weigh by the inverse of their standard
     deviation (the median over the frames that state one) and of their depth, which makes the linear method's residuals
-    those of pixels over their noise; a sample that a view holds for unreliable is left to the others where two of them
-    trust theirs.
+    those of pixels over their noise; a sample that a view does not trust is left to the others where two of them trust
+    theirs.
     """
     found = np.asarray(np.isfinite(pixels).all(axis=-1))
     views, points = len(pixels), pixels.shape[2]
@@ -125,8 +124,7 @@ def see_points(pixels: FloatArray, covariance: FloatArray, status: IntArray, rig
         used = np.broadcast_to(found.all(axis=0), found.shape)
         everywhere = np.ones((views, points), dtype=np.bool_)
         return Sightings(pixels, None, _sets_of_views(used), no_covariance, everywhere)
-    trusted = found & (status == Status.OK)
-    used = np.where(trusted.sum(axis=0) >= 2, trusted, found)
+    used = np.where((trusted & found).sum(axis=0) >= 2, trusted & found, found)
     used &= used.sum(axis=0) >= 2
     chosen = np.where(used[..., None], pixels, np.nan)
     weights = _weigh_views(chosen, covariance, rig)
@@ -195,17 +193,17 @@ class _Point:
         linked = base.copy()
         together = np.isfinite(self.pixels[base]).all(axis=(0, 2))
         places = self._places(np.where(base[:, None, None] & together[:, None], self.pixels, np.nan))
-        for view in np.flatnonzero(base):
+        for view in np.flatnonzero(base).tolist():
             shift[view], covariance[view] = self._mean_apart(view, places)
         while not linked.all():
             places = self._places(np.where(linked[:, None, None], self.pixels - shift[:, None], np.nan))
             known = np.isfinite(places).all(axis=1)
             shared = np.where(linked, 0, (np.isfinite(self.pixels).all(axis=2) & known).sum(axis=1))
-            view = int(shared.argmax())
-            if shared[view] == 0:
+            best = int(shared.argmax())
+            if shared[best] == 0:
                 break
-            shift[view], covariance[view] = self._mean_apart(view, places)
-            linked[view] = True
+            shift[best], covariance[best] = self._mean_apart(best, places)
+            linked[best] = True
         return shift, covariance, linked
 
     def _places(self, pixels: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ def sightings(rig, *, std_px=0.02, seed=0, points=2, hidden=(), bias_px=0.0):
     status = np.zeros(u.shape[:3], dtype=np.int8)
     for view, frames, point in hidden:
         u[view, frames, point], status[view, frames, point] = np.nan, Status.LOST
-    return see_points(u, covariance, status, rig), u, status, covariance
+    return see_points(u, covariance, status == Status.OK, rig), u, status, covariance
 
 
 def test_two_views_are_taken_as_they_are():
@@ -46,7 +46,7 @@ def test_what_one_view_does_not_trust_is_left_to_two_that_trust_theirs():
     _, u, status, covariance = sightings(rig)
     status[1, 7, 0] = Status.UNRELIABLE
     status[:2, 8, 0] = Status.UNRELIABLE
-    used = see_points(u, covariance, status, rig).used
+    used = see_points(u, covariance, status == Status.OK, rig).used
     assert used[:, 7, 0].tolist() == [True, False, True]
     assert used[:, 8, 0].all()
 
@@ -65,7 +65,7 @@ def test_noise_that_a_view_does_not_state_weighs_nothing():
     rig = simple_rig(3)
     _, u, status, covariance = sightings(rig, std_px=[0.02, 0.04, 0.2])
     covariance[1] = 0.0
-    assert np.ptp(see_points(u, covariance, status, rig).weights) < 0.1
+    assert np.ptp(see_points(u, covariance, status == Status.OK, rig).weights) < 0.1
 
 
 @pytest.mark.parametrize("hidden", [0, 1, 2])

@@ -11,25 +11,24 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.statuses import CameraStatus, PointStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import FirstFrames, Session, Site
-from vfm_sdm.networks.interface import ChunkNetwork
 from vfm_sdm.stages.cameras.base import CameraEstimator
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.solution import CameraSolution
-from vfm_sdm.stages.matching.correspondence import OK
+from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.locate import PointFinder
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import check_inside, named_points
 
-__all__ = ["ONE_VIEW", "solve_cameras"]
+__all__ = ["solve_cameras"]
 
-ONE_VIEW = "one view: motion in the image plane only"
 _NO_COVARIANCE = "the camera file states no covariance: the scale has no stated uncertainty"
 
 
 def solve_cameras(
-    session: Session, frames: FirstFrames, estimator: CameraEstimator, *, network: ChunkNetwork | None = None
+    session: Session, frames: FirstFrames, estimator: CameraEstimator, *, matcher: PointMatcher | None = None
 ) -> CameraSolution:
     """Cameras, structural axes and the points' pixels in every view, from the first frames and the site's lengths.
 
@@ -41,8 +40,8 @@ def solve_cameras(
         First frame of every view by name, in the session's order.
     estimator
         Finds the cameras before the adjustment.
-    network
-        Where asked for, the network that says where points lie in the other views.
+    matcher
+        Where asked for, what says roughly where points lie in the other views.
 
     Raises
     ------
@@ -54,12 +53,12 @@ def solve_cameras(
     check_inside(session, frames)
     views = list(frames)
     if len(views) == 1:
-        return CameraSolution(None, None, None, named_points(session, views), status=ONE_VIEW)
+        return CameraSolution(None, None, None, named_points(session, views), status=CameraStatus.ONE_VIEW)
     estimate = estimator.estimate(session, frames)
     if estimate.rig is None:
         points = named_points(session, views)
         return CameraSolution(None, None, None, points, status=estimate.status, notes=estimate.notes)
-    finder = PointFinder(session, frames, network)
+    finder = PointFinder(session, frames, matcher)
     points = finder.find(estimate.rig, estimate.matches)
     # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
     known = estimate.rig.covariance is not None
@@ -78,7 +77,7 @@ def solve_cameras(
         adjusted.covariance if known else None,
         points,
         quantities=adjusted.quantities,
-        status=adjusted.status if estimate.status == "ok" else estimate.status,
+        status=adjusted.status if estimate.status == CameraStatus.OK else estimate.status,
         notes=tuple(notes),
         epipolar_rms_px=adjusted.epipolar_rms_px,
     )
@@ -124,5 +123,5 @@ def _missing(points: xr.Dataset) -> list[str]:
         f"point {str(point)!r}, view {str(view)!r}: {why}"
         for point in points["point"].values
         for view in points["view"].values
-        if (why := status.sel(view=view, point=point).item()) != OK
+        if (why := status.sel(view=view, point=point).item()) != PointStatus.OK
     ]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import FirstFrames, Network, Session
 from vfm_sdm.networks.availability import choose_weights, require_torch
@@ -19,12 +20,11 @@ from vfm_sdm.stages.matching.network_view import network_view
 if TYPE_CHECKING:
     from vfm_sdm.networks.vggt.inference import VggtInference
 
-__all__ = ["NOT_A_CAMERA", "ONE_PLACE", "VggtCameras"]
+__all__ = ["VggtCameras"]
 
-NOT_A_CAMERA = "VGGT gave no field of view or no rotation"
-ONE_PLACE = "VGGT put the first two cameras in one place"
 _FOCAL_STD, _ROTATION_STD_RAD, _POSITION_STD = 0.05, 0.035, 0.1
-"""How far VGGT may be off: focal length (relative), rotation, position over the baseline. Assumptions; not measured."""
+"""Standard deviations of VGGT's focal length (relative), rotation, and position over the baseline; assumed, not
+measured."""
 _MIN_BASELINE = 1e-3  # in VGGT's unit, the mean distance of what it sees: half a pixel of its images
 
 
@@ -34,7 +34,7 @@ class VggtCameras:
     Parameters
     ----------
     network
-        Which weights, and where they run.
+        Weights, device and precision.
 
     Raises
     ------
@@ -64,7 +64,7 @@ class VggtCameras:
         return VggtInference.load(str(self.weights), device=where.device, precision=where.precision, camera=True)
 
     def estimate(self, session: Session, frames: FirstFrames) -> CameraEstimate:
-        """Rig with the tape's baseline, prior covariance, and matches that agree with a pose; views in any number.
+        """Rig with the measured baseline, its prior covariance, and matches that agree with a pose.
 
         Parameters
         ----------
@@ -82,12 +82,12 @@ class VggtCameras:
         # Each axis was resized by itself.
         focal = intrinsics[:, [0, 1], [0, 1]] / [[canvas.region.scale_u, canvas.region.scale_v] for canvas in canvases]
         if not (np.isfinite(focal).all() and np.isfinite(poses).all()):
-            return CameraEstimate(None, (), NOT_A_CAMERA, (*priors.notes, "use another camera estimator"))
+            return CameraEstimate(None, (), CameraStatus.NOT_A_CAMERA, (*priors.notes, "use another camera estimator"))
         priors = priors.fused(focal, relative_std=_FOCAL_STD, source="VGGT")
         posed = [replace(c, cam_from_world=pose) for c, pose in zip(priors.cameras, poses, strict=True)]
         rig = Rig.from_world(priors.names, posed, metric=False)
         if rig.baseline() < _MIN_BASELINE:
-            return CameraEstimate(None, (), ONE_PLACE, (*priors.notes, "use another camera estimator"))
+            return CameraEstimate(None, (), CameraStatus.ONE_PLACE, (*priors.notes, "use another camera estimator"))
         rig = priors.metric_rig(rig.cameras, rotation_std_rad=_ROTATION_STD_RAD, position_std=_POSITION_STD)
         related = list(relate_to_first(frames, priors.cameras))
         matches = tuple(view.matches for view in related if not view.fault)

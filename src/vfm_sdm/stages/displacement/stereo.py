@@ -87,7 +87,7 @@ def compute_displacement(
     """
     names = _check_views(tracks, rig)
     codes, time_s = tracks["status"].values, tracks["time"].values
-    sight = see_points(tracks["position"].values, tracks["position_covariance"].values, codes, rig)
+    sight = see_points(tracks["position"].values, tracks["position_covariance"].values, codes == Status.OK, rig)
     points3d = sight.triangulate(rig)
     behind = np.isfinite(points3d).all(axis=-1) & ~in_front_of_all(points3d, rig, seen=sight.used)
     points3d = np.where(behind[..., None], np.nan, points3d)
@@ -259,7 +259,7 @@ def _reference_position(
     """Position that displacement is relative to, (T, P, 3) to (P, 3); NaN for a point without any."""
     if still_interval_s is None:
         first = position[valid.argmax(axis=0), np.arange(valid.shape[1])]
-        return np.asarray(np.where(valid.any(axis=0)[:, None], first, np.nan))
+        return np.asarray(np.where(np.asarray(valid.any(axis=0))[:, None], first, np.nan))
     usable = (valid & still_frames(time_s, still_interval_s)[:, None])[..., None]
     count = usable.sum(axis=0)
     total = np.where(usable, position, 0.0).sum(axis=0)

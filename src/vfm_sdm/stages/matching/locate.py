@@ -7,22 +7,15 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
-from vfm_sdm.networks.interface import ChunkNetwork
-from vfm_sdm.stages.matching.correspondence import (
-    NOT_FOUND,
-    NOT_RETURNED,
-    OK,
-    Correspondence,
-    Surface,
-    find_correspondences,
-)
+from vfm_sdm.stages.matching.base import PointMatcher
+from vfm_sdm.stages.matching.correspondence import Correspondence, Surface, find_correspondences
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
-from vfm_sdm.stages.matching.network import locate_points
 from vfm_sdm.stages.matching.points import named_points
 
 __all__ = ["PointFinder"]
@@ -41,13 +34,13 @@ class PointFinder:
         Names the points.
     frames
         First frame of every view by name, in the session's order.
-    network
-        A network that follows points and says where to look first; ``None`` leaves that to the geometry.
+    matcher
+        What says where to look first; ``None`` leaves that to the geometry.
     """
 
     session: Session
     frames: Mapping[str, LumaArray]
-    network: ChunkNetwork | None = None
+    matcher: PointMatcher | None = None
 
     def find(self, rig: Rig, matches: Sequence[Matches]) -> xr.Dataset:
         """Points dataset of all views.
@@ -66,7 +59,7 @@ class PointFinder:
             named = [p for p in self.session.point if p.view == source]
             if not named:
                 continue
-            given = self._seen_by_network(named, source, target)
+            given = self._suggested(named, source, target)
             given |= {i: np.array(p.pixel_in[target]) for i, p in enumerate(named) if target in p.pixel_in}
             between = _between(matches, views.index(source), views.index(target))
             _enter(points, named, target, self._correspondences(named, rig, between, given=given))
@@ -120,12 +113,12 @@ class PointFinder:
             surface=face,
         )
 
-    def _seen_by_network(self, points: Sequence[Point], source: str, target: str) -> dict[int, FloatArray]:
-        """Places (2,) [px] in the target view where the network sees the points, by index."""
-        if self.network is None or not isinstance(self.frames, FirstFrames):
+    def _suggested(self, points: Sequence[Point], source: str, target: str) -> dict[int, FloatArray]:
+        """Places (2,) [px] in the target view where the matcher sees the points, by index."""
+        if self.matcher is None or not isinstance(self.frames, FirstFrames):
             return {}
         colors = self.frames.colors
-        places = locate_points(self.network, colors[source], colors[target], np.array([p.pixel for p in points]))
+        places = self.matcher.locate(colors[source], colors[target], np.array([p.pixel for p in points]))
         return {i: place for i, place in enumerate(places) if np.isfinite(place).all()}
 
 
@@ -140,19 +133,19 @@ def _enter(
     """Enters what was found of some points in a view; with ``only_found``, nothing of the others."""
     std = np.sqrt(np.einsum("pii->pi", found.covariance))
     for number, point in enumerate(named):
-        if only_found and found.status[number] != OK:
+        if only_found and found.status[number] != PointStatus.OK:
             continue
         here = {"view": view, "point": point.name}
         points["position"].loc[here] = found.points2d[number]
         points["position_std"].loc[here] = std[number]
-        points["status"].loc[here] = found.status[number]
+        points["status"].loc[here] = str(found.status[number])
 
 
 def _is_missing(point: Point, view: str, points: xr.Dataset) -> bool:
     """Whether a point of the structure was not found in a view where nobody named it."""
     if point.static or view in point.pixel_in:
         return False
-    return points["status"].sel(view=view, point=point.name).item() in (NOT_FOUND, NOT_RETURNED)
+    return points["status"].sel(view=view, point=point.name).item() in (PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED)
 
 
 def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]:

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from simulation import intrinsics, looking_at
+from vfm_sdm.core.datasets import make_points
+from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Session
-from vfm_sdm.stages.matching import locate as point_transfer
-from vfm_sdm.stages.matching.correspondence import NOT_FOUND, OK, Correspondence
-from vfm_sdm.stages.matching.locate import transfer_on_face
+from vfm_sdm.stages.matching import locate
+from vfm_sdm.stages.matching.correspondence import Correspondence
+from vfm_sdm.stages.matching.locate import PointFinder
 
 SIZE = (640, 480)
 FRAMES = {name: np.zeros(SIZE[::-1], np.uint8) for name in ("left", "right")}
@@ -58,35 +60,48 @@ def asked(monkeypatch):
     """Records what is searched for, and answers every search with the same place."""
     calls = []
 
-    def find(images, points2d, rig, *, matches, subset_px, surface):
+    def find(images, points2d, rig, *, matches, subset_px, given, surface):
         calls.append((points2d, matches, surface))
         shape = len(points2d), 2
-        return Correspondence(np.full(shape, 123.0), np.zeros((*shape, 2)), np.ones(1), np.zeros(1), (OK,) * shape[0])
+        return Correspondence(
+            np.full(shape, 123.0), np.zeros((*shape, 2)), np.ones(1), np.zeros(1), (PointStatus.OK,) * shape[0]
+        )
 
-    monkeypatch.setattr(point_transfer, "find_correspondences", find)
+    monkeypatch.setattr(locate, "find_correspondences", find)
     return calls
 
 
 def state_before():
-    pixels = {name: np.array([[300.0, 200.0], [np.nan, np.nan]]) for name in ("web", "abutment", "named")}
-    pixels["seen"] = np.array([[300.0, 200.0], [320.0, 190.0]])
-    missing = {"right": NOT_FOUND}
-    return pixels, {"web": missing.copy(), "abutment": missing.copy(), "named": missing.copy(), "seen": {"right": OK}}
+    """Points dataset after the first look: one point seen in the right view, the others not found."""
+    names = ["web", "abutment", "named", "seen"]
+    position = np.full((2, 4, 2), np.nan)
+    position[0], position[1, 3] = (300.0, 200.0), (320.0, 190.0)
+    status = [[PointStatus.OK] * 4, [PointStatus.NOT_FOUND] * 3 + [PointStatus.OK]]
+    return make_points(["left", "right"], names, position=position, position_std=0 * position, status=status)
+
+
+def looked_again(points, *, rig_known=None, **site):
+    return PointFinder(session(**site), FRAMES).find_on_face(points, rig_known or rig(), FRAME)
 
 
 def test_only_points_of_the_structure_that_nobody_named_there_are_looked_for_again(asked):
-    pixels, states = state_before()
-    assert transfer_on_face(session(), FRAMES, rig(), FRAME, pixels, states)
+    before = state_before()
+    after = looked_again(before)
     assert len(asked) == 1
     assert len(asked[0][0]) == 1
-    assert states["web"]["right"] == OK
-    np.testing.assert_array_equal(pixels["web"][1], [123.0, 123.0])
-    assert states["abutment"]["right"] == states["named"]["right"] == NOT_FOUND
-    np.testing.assert_array_equal(pixels["seen"][1], [320.0, 190.0])
+    assert after["status"].sel(view="right").values.tolist() == [
+        PointStatus.OK,
+        PointStatus.NOT_FOUND,
+        PointStatus.NOT_FOUND,
+        PointStatus.OK,
+    ]
+    np.testing.assert_array_equal(after["position"].sel(view="right", point="web"), [123.0, 123.0])
+    np.testing.assert_array_equal(after["position"].sel(view="right", point="seen"), [320.0, 190.0])
+    assert before.identical(state_before())
 
 
 def test_the_face_is_the_vertical_plane_at_the_measured_distance(asked):
-    transfer_on_face(session(), FRAMES, rig(), FRAME, *state_before())
+    looked_again(state_before())
     face = asked[0][2]
     np.testing.assert_allclose(face.std, 0.05)
     # What the optical axis of the reference camera meets: FACE_M to the side and ALONG_M ahead.
@@ -99,6 +114,6 @@ def test_the_face_is_the_vertical_plane_at_the_measured_distance(asked):
 @pytest.mark.parametrize("case", ["no distance", "no scale"])
 def test_without_a_distance_in_metres_there_is_no_second_look(asked, case):
     site = {"perpendicular_distance": None, "longitudinal_distance": None} if case == "no distance" else {}
-    chosen = rig(metric=case != "no scale")
-    assert not transfer_on_face(session(**site), FRAMES, chosen, FRAME, *state_before())
+    before = state_before()
+    assert looked_again(before, rig_known=rig(metric=case != "no scale"), **site).identical(before)
     assert asked == []
