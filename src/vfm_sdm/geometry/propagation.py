@@ -88,7 +88,8 @@ def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.
     points = u.shape[1]
     projection = _projection_jacobian(triangulate(u, rig, weights=weights), rig)
     if len(rig) > 2:  # a view that does not see a point says nothing, even where the point lies behind it
-        projection = np.where(np.isfinite(u).all(axis=-1).T[:, :, None, None], projection, 0.0)
+        seen = np.asarray(np.isfinite(u).all(axis=-1))
+        projection = np.where(seen.T[:, :, None, None], projection, 0.0)
     size = len(CAMERA_PARAMETERS)
     lengths = np.full(3, 1e-4 * max(rig.baseline(), 1e-12))
     steps = np.tile(np.concatenate([_PARAMETER_STEP, lengths]), len(rig))

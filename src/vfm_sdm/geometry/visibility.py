@@ -90,13 +90,14 @@ class Sightings:
             Shape (V, P, 2) [px]; NaN for a point that a view never sees, or that has no valid sample.
         """
         points = np.arange(valid.shape[1])
+        some: BoolArray = np.asarray(valid.any(axis=0))
         chosen = self.pixels[:, valid.argmax(axis=0), points]
         if len(self.pixels) > 2:
             seen = self.used & valid
             for view, pixels in enumerate(self.pixels):
                 own = pixels[seen[view].argmax(axis=0), points]
                 chosen[view] = np.where(np.isfinite(chosen[view]), chosen[view], own)
-        return np.asarray(np.where(valid.any(axis=0)[:, None], chosen, np.nan))
+        return np.asarray(np.where(some[:, None], chosen, np.nan))
 
 
 def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, rig: Rig) -> Sightings:
@@ -191,7 +192,7 @@ class _Point:
         views = len(self.pixels)
         shift, covariance = np.zeros((views, 2)), np.zeros((views, 2, 2))
         linked = base.copy()
-        together = np.isfinite(self.pixels[base]).all(axis=(0, 2))
+        together: BoolArray = np.asarray(np.isfinite(self.pixels[base]).all(axis=(0, 2)))
         places = self._places(np.where(base[:, None, None] & together[:, None], self.pixels, np.nan))
         for view in np.flatnonzero(base).tolist():
             shift[view], covariance[view] = self._mean_apart(view, places)

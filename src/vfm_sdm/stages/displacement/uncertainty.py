@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -166,13 +167,14 @@ def _clock_patterns(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: M
         tau = clock_std_s.get(str(view), 0.0)
         if tau != 0:
             velocity = _velocity(tracks["position"].values[number], tracks["time"].values)
-            shift = _by_views(
-                displacement,
-                "pixel_sensitivity",
-                lambda per_px, n=number, v=velocity: np.einsum("pak,tpk->tpa", per_px[:, :, n], v),
-            )
+            shift = _by_views(displacement, "pixel_sensitivity", partial(_of_motion, velocity, number))
             patterns[number] = tau * np.nan_to_num(shift)
     return patterns
+
+
+def _of_motion(motion: FloatArray, view: int, per_px: FloatArray) -> FloatArray:
+    """Motion in one view's picture (T, P, 2) by its part of a sensitivity (P, 3, V, 2), shape (T, P, 3)."""
+    return np.asarray(np.einsum("pak,tpk->tpa", per_px[:, :, view], motion))
 
 
 def _by_views(displacement: xr.Dataset, name: str, effect: Callable[[FloatArray], FloatArray]) -> FloatArray:
