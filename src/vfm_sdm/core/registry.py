@@ -177,7 +177,7 @@ def settings_model(name: str) -> type[PartSettings] | None:
     models = {model for kind in kinds if (model := find(kind, name).settings_model()) is not None}
     if len(models) > 1:
         raise BackendUnavailableError(
-            f"[method.{name}]: expected one model of its settings, got {' and '.join(sorted(map(str, models)))}; "
+            f"expected one model of these settings, got {' and '.join(sorted(map(str, models)))}; "
             "let one of the parts choose another name"
         )
     return models.pop() if models else None
