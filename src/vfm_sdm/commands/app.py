@@ -94,6 +94,9 @@ def measure_command(
         tuple[str, ...],
         Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
     ] = (),
+    whole_files: Annotated[
+        bool, Parameter(negative="", help="Hash large recordings as a whole, not by size, time stamp and samples.")
+    ] = False,
 ) -> None:
     """Measure a session: from recordings to displacement in millimetres, with figures and summary.
 
@@ -103,7 +106,7 @@ def measure_command(
     for form in export:
         find("writers", form)  # before any work is done
     with _progress() as progress:
-        result = measure(settings, output, progress=progress)
+        result = measure(settings, output, progress=progress, whole_files=whole_files)
     for part in reports.measurement_report(result):
         _out.print(part)
     _out.print(f"written: {output} (figures in {output / 'figures'})")
@@ -211,7 +214,7 @@ def evaluate(
     for note in result.notes:
         _out.print(f"note: {note}", style="yellow", markup=False, highlight=False)
     _out.print(f"written: {write_evaluation(run, result)}")
-    if not result.rows_with_figures:
+    if not result.scored_rows:
         _fail(f"no figures: {result.notes[-1]}")
 
 

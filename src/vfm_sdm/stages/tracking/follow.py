@@ -14,7 +14,7 @@ from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
 __all__ = ["AMBIGUITY_MARGIN", "LOOK_ALIKE", "FollowSettings", "Follower"]
 
 AMBIGUITY_MARGIN = 0.05
-"""Two places are as good as one another when their correlations differ by less."""
+"""Two places are equally good when their correlations differ by less."""
 LOOK_ALIKE = 0.9
 """Correlation of another place in the reference frame from which on a subset counts as repeated."""
 
@@ -27,7 +27,7 @@ _PEAKS_IN_REFERENCE = 12  # more, because the nearest look-alike counts there, n
 
 @dataclass(frozen=True)
 class FollowSettings:
-    """What decides between following, searching and giving up; see `vfm_sdm.stages.tracking.icgn.IcgnTracker`."""
+    """Limits that decide between following, searching and giving up; see `vfm_sdm.stages.tracking.icgn.IcgnTracker`."""
 
     search_radius_px: int
     max_iterations: int
@@ -37,7 +37,7 @@ class FollowSettings:
 
 
 class Follower:
-    """Follows the subsets of a bank; every frame is registered to the reference, so that errors do not add up.
+    """Follows the subsets of a bank; every frame is registered to the reference frame, so that errors do not add up.
 
     Parameters
     ----------

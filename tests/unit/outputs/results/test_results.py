@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import pyuff
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -286,6 +287,20 @@ def test_uff_is_dataset_58_in_metres_with_units(tmp_path):
         np.testing.assert_allclose(f["times"], displacement["time"].values[found], rtol=1e-5)
     assert functions[0]["ids"][0] == "1/2 span lateral"
     assert functions[3]["ids"][:2] == ["abutment, s?d lateral", "displacement along lateral"]
+
+
+def test_another_program_reads_uff_as_it_is_meant(tmp_path):
+    displacement = make_example(31)
+    units, *functions = pyuff.UFF(str(write_export("uff", tmp_path, displacement))).read_sets()
+    assert (units["units_code"], units["length"], units["temp_mode"]) == (1, 1.0, 2)
+    assert [(f["rsp_node"], f["rsp_dir"]) for f in functions] == [(n, d) for n in (1, 2) for d in (1, 2, 3)]
+    for f in functions:
+        series = displacement["displacement"].values[:, f["rsp_node"] - 1, f["rsp_dir"] - 1]
+        found = np.isfinite(series)
+        assert (f["func_type"], f["abscissa_spec_data_type"], f["ordinate_spec_data_type"]) == (1, 17, 8)
+        assert (f["abscissa_axis_units_lab"], f["ordinate_axis_units_lab"]) == ("s", "m")
+        np.testing.assert_allclose(f["data"], 1e-3 * series[found], rtol=1e-12)
+        np.testing.assert_allclose(f["x"], displacement["time"].values[found], rtol=1e-5)
 
 
 def test_uff_of_uneven_frames_keeps_their_times(tmp_path):
