@@ -22,6 +22,11 @@ def example_modules() -> dict[str, str]:
     return {match[1]: match[2] for match in found if match is not None}
 
 
+def example_package() -> dict[str, str]:
+    """Text of every module of the example by dotted name."""
+    return {f"river_tools.{name.removesuffix('.py')}": text for name, text in example_modules().items()}
+
+
 def registry_lines() -> dict[str, str]:
     """The examples' lines of the registry by the table that they belong to."""
     found = (

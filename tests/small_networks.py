@@ -2,10 +2,16 @@
 
 import pytest
 
+from vfm_sdm.core.parts import BUILT_IN
+from vfm_sdm.core.registry import parts_of
 from vfm_sdm.inputs.session import Network
 from vfm_sdm.stages.tracking.base import find_tracker
 
-NETWORK_TRACKERS = ("vggt", "tapir", "vggt+icgn", "tapir+icgn")
+NETWORK_TRACKERS = tuple(
+    name
+    for name in BUILT_IN["trackers"]
+    if any(part.needs is not None and part.needs.checkpoints for part in parts_of("trackers", name).values())
+)
 
 
 def small_vggt(seed=0, **heads):

@@ -18,12 +18,12 @@ from vfm_sdm.stages.cameras.file import write_rig
 from vfm_sdm.stages.cameras.site import rig_difference
 
 ESTIMATORS = BUILT_IN["cameras"]
-NETWORKS = {"vggt"}
+NETWORKS = {name for name, part in ESTIMATORS.items() if part.needs is not None and part.needs.checkpoints}
 """Estimators whose weights cannot be had here: they run with a stand-in that knows the room, or with random weights."""
-NEEDS_FEATURES = {"sfm", "two-view"}
-USES_IMAGES = NEEDS_FEATURES | NETWORKS
+USES_IMAGES = {name for name, part in ESTIMATORS.items() if "baseline" in part.requires}
+NEEDS_FEATURES = USES_IMAGES - NETWORKS
 NEEDS_TWO_VIEWS = {"chessboard", *USES_IMAGES}
-PACKAGES = {"sfm": "pycolmap", "vggt": "torch"}
+PACKAGES = {name: part.needs.packages[0] for name, part in ESTIMATORS.items() if part.needs is not None}
 
 PATTERN, SQUARE_M = (9, 6), 0.25
 RESIZED = (518, 392)

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from plugins import example_modules, example_parts, example_project, installed, registry_lines
+from plugins import example_package, example_parts, example_project, installed, registry_lines
 from scenes import FRAMES, motion_mm, write_scene
 from vfm_sdm.commands.app import main
 from vfm_sdm.commands.environment import describe_environment
@@ -30,8 +30,7 @@ SETTINGS = {"window_px": 31}
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
     """The example, installed for all tests here."""
-    modules = {f"river_tools.{name.removesuffix('.py')}": text for name, text in example_modules().items()}
-    with installed(tmp_path_factory.mktemp("site"), example_parts(), modules):
+    with installed(tmp_path_factory.mktemp("site"), example_parts(), example_package()):
         yield
 
 
@@ -60,7 +59,7 @@ def test_a_tracker_runs_through_measure(measured):
 def test_its_settings_are_those_of_the_session_with_defaults_written_out(measured):
     result, folder = measured
     tables = tomllib.loads((folder / "session.resolved.toml").read_text())["method"]
-    assert tables["lucas-kanade"] == {"window_px": 31, "levels": 2, "std_px": 0.05}
+    assert tables["lucas-kanade"] == {"window_px": 31, "levels": 2, "std_px": 0.05, "way_back_px": 0.5}
     again = read_session(folder / "session.resolved.toml")
     assert again.method == result.session.method
     assert again.method.tables["lucas-kanade"].window_px == 31
@@ -256,9 +255,8 @@ class Tracker:
 
 
 def test_another_version_of_the_package_makes_other_keys(recorded, tmp_path):
-    modules = {f"river_tools.{name.removesuffix('.py')}": text for name, text in example_modules().items()}
     keys = set()
     for number in ("1.2", "1.3"):
-        with installed(tmp_path / number, example_parts(), modules, version=number):
+        with installed(tmp_path / number, example_parts(), example_package(), version=number):
             keys.add(Measurement(read_session(recorded)).key("tracks"))
     assert len(keys) == 2
