@@ -1,5 +1,7 @@
 """Networks of the real structure with few channels and random weights: they run in a moment and know nothing."""
 
+from contextlib import contextmanager
+
 import pytest
 
 from vfm_sdm.core.parts import BUILT_IN
@@ -12,6 +14,13 @@ NETWORK_TRACKERS = tuple(
     for name in BUILT_IN["trackers"]
     if any(part.needs is not None and part.needs.checkpoints for part in parts_of("trackers", name).values())
 )
+ROUNDING_PX = 1e-6
+"""How far two ways of computing one track may differ in double precision [px].
+
+Networks of random weights amplify rounding: on one processor or another, single precision makes up to 0.2 px of its
+6e-8, some three million times. Double precision begins at 1e-16, and hence ends at 4e-10; the rest is for processors
+that nobody has seen.
+"""
 
 
 def small_vggt(seed=0, **heads):
@@ -38,7 +47,13 @@ def small_vggt(seed=0, **heads):
     )
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        return Vggt(config, **heads)
+        network = Vggt(config, **heads)
+        with torch.no_grad():
+            for values in network.parameters():
+                # Attention whose weights begin at zero sees nothing, neither other points nor other frames.
+                if values.ndim > 1 and not values.is_meta and not values.any():
+                    values.normal_(0.0, values.shape[-1] ** -0.5)
+    return network
 
 
 def small_tapir(seed=0):
@@ -74,6 +89,22 @@ def tapir_on_cpu():
     from vfm_sdm.networks.tapir.inference import TapirInference
 
     return TapirInference(small_tapir(), choose_placement("cpu"))
+
+
+@contextmanager
+def in_double(inference):
+    """The network of an inference or tracker computes in double precision meanwhile: for comparisons.
+
+    In single precision, one track computed in two ways, with others or alone, differs by what the processor's kernels
+    make of another number of rows.
+    """
+    owner = getattr(inference, "follower", inference)
+    network = getattr(owner, "inference", owner).network
+    network.double()
+    try:
+        yield
+    finally:
+        network.float()
 
 
 def small_tracker(name, folder, **options):
