@@ -1,4 +1,4 @@
-"""The audit at a glance: how far each check is from its limit."""
+"""One picture of the audit: how far each check is from its limit."""
 
 import textwrap
 
@@ -24,14 +24,14 @@ _TEXT_COLUMNS = 92
 
 
 def plot_audit(audit: Audit, ax: Axes | None = None) -> Axes:
-    """Every check as its figure over its limit, on a logarithmic axis, with its sentence beside it.
+    """Every check as its value over its limit [1], on a logarithmic axis, with its sentence beside it.
 
     Parameters
     ----------
     audit
         Checks and verdict.
     ax
-        Where to draw; a new figure when None.
+        Axes to draw into; a new figure when None.
     """
     count = len(audit.checks)
     axes = Figure(figsize=(13.0, 1.2 + _ROW_IN * count)).add_subplot() if ax is None else ax
@@ -39,7 +39,7 @@ def plot_audit(audit: Audit, ax: Axes | None = None) -> Axes:
     axes.axvline(1.0, color="#555555", linewidth=1.0)
     for row, check in enumerate(audit.checks):
         colour, marker = _STYLE[check.outcome]
-        # A failure without a figure is a failure all the same.
+        # A failure without a value is a failure all the same.
         unknown = _LOAD[0] if check.outcome is Outcome.PASS else _LOAD[1]
         load = float(np.clip(np.nan_to_num(check.load, nan=unknown), *_LOAD))
         if check.outcome is not Outcome.NOT_POSSIBLE:
