@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 
 __all__ = ["select_views"]
@@ -57,7 +56,7 @@ def select_views(rig: Rig, names: Sequence[str]) -> Rig:
         if new == 0:
             continue
         R = moved.cameras[new].rotation
-        arm = _cross_matrix(R @ reference.translation)
+        arm = np.cross(np.eye(3), R @ reference.translation)  # arm @ w is the cross product of this vector and w
         J[new, 4:7, index, 4:7] = np.eye(3)
         J[new, 4:7, old[0], 4:7] = -R
         J[new, 7:, index, 4:7] = arm
@@ -66,9 +65,3 @@ def select_views(rig: Rig, names: Sequence[str]) -> Rig:
         J[new, 7:, old[0], 7:] = -R
     flat = J.reshape(size * len(names), size * len(rig))
     return Rig(moved.names, moved.cameras, moved.metric, flat @ rig.covariance @ flat.T)
-
-
-def _cross_matrix(vector: FloatArray) -> FloatArray:
-    """The matrix that multiplies as the cross product with a vector does, shape (3, 3)."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -9,7 +9,7 @@ __all__ = ["interpolate_runs"]
 
 
 def interpolate_runs(
-    have: FloatArray, values: FloatArray, want: FloatArray, *, longest_step_s: float = np.inf
+    have: FloatArray, values: FloatArray, want: FloatArray, *, longest_step_s: float = np.inf, degree: int = 5
 ) -> FloatArray:
     """Spline interpolation of every unbroken run of valid samples, NaN between the runs.
 
@@ -22,7 +22,9 @@ def interpolate_runs(
     want
         Times wanted, shape (T',) [s].
     longest_step_s
-        A longer step between two stamps ends a run, too [s].
+        A longer step between two stamps ends a run too.
+    degree
+        Of the splines, odd; 1 draws straight lines.
 
     Returns
     -------
@@ -31,9 +33,10 @@ def interpolate_runs(
 
     Notes
     -----
-    Splines of fifth degree (lower where a run has fewer than six samples). Half-way between two samples, a sine of
-    frequency f sampled at rate F comes out with the gain (1 - x) / (1 + x), x = (f / (F - f))^6: 0.05 % low at 0.4 of
-    the Nyquist frequency, 1.5 % at 0.6; nearer to a sample less. A cubic spline has the power 4 and 0.8 %.
+    A run too short for the degree gets the largest odd one that it has samples for. Half-way between two samples, a
+    spline of fifth degree draws a sine of frequency f sampled at rate F with the gain (1 - x) / (1 + x),
+    x = (f / (F - f))^6: 0.05 % low at 0.4 of the Nyquist frequency, 1.5 % at 0.6; nearer to a sample less. A cubic
+    spline has the power 4 and 0.8 %.
 
     Examples
     --------
@@ -49,6 +52,6 @@ def interpolate_runs(
         first, last = pairs.start, pairs.stop
         inside = (want >= have[first]) & (want <= have[last])
         run = slice(first, last + 1)
-        degree = 5 if last - first >= 5 else 3 if last - first >= 3 else 1
-        result[inside] = make_interp_spline(have[run], values[run], k=degree)(want[inside])
+        fitting = min(degree, (last - first - 1) // 2 * 2 + 1)
+        result[inside] = make_interp_spline(have[run], values[run], k=fitting)(want[inside])
     return result

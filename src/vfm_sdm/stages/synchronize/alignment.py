@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import interp1d
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.datasets import Status, check_tracks
@@ -108,12 +107,14 @@ def _move_to_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack
     if np.all(np.abs(have[nearest] - want) <= slack):
         return tracks.isel(time=nearest).assign_coords(time=("time", want, {"units": "s"})), False
     position = np.full((want.size, tracks.sizes["point"], 2), np.nan)
+    covariance = np.full((want.size, tracks.sizes["point"], 2, 2), np.nan)
     for index in range(tracks.sizes["point"]):
         position[:, index] = interpolate_runs(have, tracks["position"].values[:, index], want)
+        flat = tracks["position_covariance"].values[:, index].reshape(-1, 4)
+        covariance[:, index] = interpolate_runs(have, flat, want, degree=1).reshape(-1, 2, 2)
     before = np.clip(np.searchsorted(have, want, side="right") - 1, 0, have.size - 2)
     status = _worse(tracks["status"].values[before], tracks["status"].values[before + 1])
     status = np.where(np.isnan(position).any(axis=-1) & (status == Status.OK), Status.LOST, status)
-    covariance = interp1d(have, tracks["position_covariance"].values, axis=0, bounds_error=False)(want)
     moved = tracks.isel(time=np.zeros(want.size, dtype=int)).assign_coords(time=("time", want, {"units": "s"}))
     moved = moved[["position", "position_covariance", "status"]]
     moved["position"] = moved["position"].copy(data=position)

@@ -15,7 +15,7 @@ from simulation import gain_error, intrinsics, project_all, scene_points, simple
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std
-from vfm_sdm.inputs.session import Method, Network, Site
+from vfm_sdm.inputs.session import FirstFrames, Method, Network, Site, open_views
 from vfm_sdm.networks import availability
 from vfm_sdm.networks.vggt.pose import FOV, QUATERNION
 from vfm_sdm.stages.cameras.base import estimator_of, find_estimator
@@ -66,8 +66,7 @@ def asked(tmp_path):
                 for v in session.view
             ]
             session = session.model_copy(update={"view": tuple(views)})
-        frames = {name: picture[..., 1] for name, picture in zip(rig.names, shown, strict=True)}
-        return rig, vggt_cameras(tmp_path, known).estimate(session, frames)
+        return rig, vggt_cameras(tmp_path, known).estimate(session, FirstFrames(open_views(session)))
 
     return ask
 
@@ -231,7 +230,7 @@ class TestOnSite:
         known.estimate_poses = lambda images: known.poses
         measured = {"value": baseline, "std": 0.0005 * baseline}
         session = with_pictures(room_session(rig, lens=False, folder=folder, site={"baseline": measured}))
-        estimate = vggt_cameras(folder, known).estimate(session, blank)
+        estimate = vggt_cameras(folder, known).estimate(session, FirstFrames(open_views(session)))
         distances = np.linalg.norm(self.POINTS, axis=1)
         site = Site(
             baseline=measured,
@@ -262,17 +261,18 @@ class TestOnSite:
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
-    """The true rig, what its cameras see, and the folder where that lies."""
+    """The true rig, and the folder where what its cameras see lies."""
     rig, folder = room_rig(2), tmp_path_factory.mktemp("room")
     frames = room_frames(rig)
     write_pictures(folder, rig.names, as_colors(frames))
-    return rig, frames, folder
+    return rig, folder
 
 
 class TestRandomWeights:
     def test_whole_estimate_is_deterministic(self, room):
-        rig, frames, folder = room
+        rig, folder = room
         session = with_pictures(room_session(rig, folder=folder))
+        frames = FirstFrames(open_views(session))
         first, second = (vggt_cameras(folder).estimate(session, frames) for _ in range(2))
         assert first.status == second.status
         assert first.notes == second.notes
@@ -300,12 +300,13 @@ class TestUnavailable:
             estimator_of(Method(cameras="vggt", network=Network(weights="mine.pt")))
 
     def test_with_other_weights(self, monkeypatch, tmp_path, room):
-        rig, frames, folder = room
+        rig, folder = room
         (tmp_path / "vggt-1b.safetensors").write_bytes(b"nothing")
         monkeypatch.setenv("VFM_SDM_WEIGHTS", str(tmp_path))
         estimator = find_estimator("vggt")  # a file of the right name; what is in it shows when it is read
+        session = with_pictures(room_session(rig, folder=folder))
         with pytest.raises(BackendUnavailableError) as caught:
-            estimator.estimate(with_pictures(room_session(rig, folder=folder)), frames)
+            estimator.estimate(session, FirstFrames(open_views(session)))
         assert "\n" not in str(caught.value)
 
 

@@ -68,6 +68,22 @@ def test_gaps_stay_gaps():
     assert (both["status"].values[1, missing, 0] == Status.LOST).all()
 
 
+def test_covariances_are_interpolated_by_straight_lines_and_known_where_the_position_is():
+    right = moving_tracks(CLOCK, points=("p", "q"))
+    right["position_covariance"] = right["position_covariance"] * xr.DataArray(1 + CLOCK, dims="time")
+    lost = {"time": slice(40, 50), "point": 1}
+    right["position"][lost] = right["position_covariance"][lost] = np.nan
+    # Stamps of the other view meet those of this one at every second frame, and lie between them at the others.
+    both = align_views({"left": moving_tracks(np.arange(240) / 120, points=("p", "q")), "right": right})
+    covariance = both["position_covariance"].values[1]
+    expected = 1e-4 * (1 + both["time"].values)
+    np.testing.assert_allclose(covariance[:, 0, 0, 0], expected, rtol=1e-12)
+    np.testing.assert_array_equal(covariance[:, 0, 0, 1], 0.0)
+    known = np.isfinite(both["position"].values[1, :, 1, 0])
+    np.testing.assert_array_equal(np.isfinite(covariance[:, 1, 0, 0]), known)
+    np.testing.assert_allclose(covariance[known, 1, 0, 0], expected[known], rtol=1e-12)
+
+
 def test_different_points_are_refused():
     with pytest.raises(DatasetError, match="expected points"):
         align_views({"left": moving_tracks(CLOCK), "right": moving_tracks(CLOCK, points=("q",))})

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
+from vfm_sdm.geometry.poses import pose_array, rigid_transform
 
 __all__ = ["AMBIGUOUS_ORDER", "INCONSISTENT_POSE", "BoardOrder", "agree_on_order", "board_symmetries"]
 
@@ -82,10 +83,9 @@ def agree_on_order(first_from_board: FloatArray, second_from_board: FloatArray, 
     agree on is taken. Boards that are all held alike admit a turned explanation just as well; then poses stay as
     they came when that explains them, and the others are given up.
     """
-    motions = [motion for motion, _ in board_symmetries(board)]
-    offers = np.stack(
-        [_compose(_compose(second_from_board, _inverse(m[None])), _inverse(first_from_board)) for m in motions], axis=1
-    )  # (P, S, 3, 4)
+    board_from_first, second = rigid_transform(first_from_board).inv(), rigid_transform(second_from_board)
+    unturned = [rigid_transform(motion).inv() for motion, _ in board_symmetries(board)]
+    offers = np.stack([pose_array(second * back * board_from_first) for back in unturned], axis=1)  # (P, S, 3, 4)
     poses, turns = offers.shape[:2]
     angles = _angle_deg(offers[:, :, None, None, :, :3], offers[None, None, :, :, :, :3])  # (P, S, P, S)
     nearest = angles.min(axis=-1)  # (P, S, P): how well each offer explains each pose
@@ -110,17 +110,6 @@ def agree_on_order(first_from_board: FloatArray, second_from_board: FloatArray, 
         for pose in range(poses)
     )
     return BoardOrder(turn, reasons, offers[best])
-
-
-def _compose(b_from_m: FloatArray, m_from_a: FloatArray) -> FloatArray:
-    R = b_from_m[..., :3] @ m_from_a[..., :3]
-    t = b_from_m[..., :3] @ m_from_a[..., 3:] + b_from_m[..., 3:]
-    return np.concatenate([R, t], axis=-1)
-
-
-def _inverse(b_from_a: FloatArray) -> FloatArray:
-    R = b_from_a[..., :3].swapaxes(-1, -2)
-    return np.concatenate([R, -R @ b_from_a[..., 3:]], axis=-1)
 
 
 def _angle_deg(first: FloatArray, second: FloatArray) -> FloatArray:

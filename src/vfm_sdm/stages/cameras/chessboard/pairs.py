@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import CameraError
+from vfm_sdm.geometry.poses import pose_array
 from vfm_sdm.stages.cameras.chessboard.order import AMBIGUOUS_ORDER, agree_on_order, board_symmetries
 from vfm_sdm.stages.cameras.chessboard.scene import INTRINSICS, BoardScene
 
@@ -218,8 +219,9 @@ class _CameraAlone:
         self.intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *np.ravel(distortion)[: len(INTRINSICS) - 4]])
         shape = pairs.points2d.shape[:1]
         self.cam_from_board = np.full((*shape, 3, 4), np.nan)
-        self.cam_from_board[poses, :, :3] = Rotation.from_rotvec(np.reshape(rotations, (-1, 3))).as_matrix()
-        self.cam_from_board[poses, :, 3] = np.reshape(translations, (-1, 3))
+        turned = Rotation.from_rotvec(np.reshape(rotations, (-1, 3)))
+        found = RigidTransform.from_components(np.reshape(translations, (-1, 3)), turned)
+        self.cam_from_board[poses] = pose_array(found)
         self.errors = np.full(shape, np.nan)
         self.errors[poses] = np.ravel(errors)
 

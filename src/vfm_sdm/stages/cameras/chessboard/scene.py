@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.geometry.distortion import distort, distort_derivative
 
 __all__ = ["CAMERA_SIZE", "INTRINSICS", "BoardScene", "linearize"]
 
@@ -64,38 +64,19 @@ def linearize(scene: BoardScene) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _linearize_view(
     intrinsics: FloatArray, cam_from_first: FloatArray, in_first: FloatArray, turned: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    focal, center, coefficients = intrinsics[:2], intrinsics[2:4], intrinsics[4:]
     R, t = cam_from_first[:, :3], cam_from_first[:, 3]
     rotated = in_first @ R.T
-    X = rotated + t
-    depth = np.where(X[..., 2] > 0, X[..., 2], np.nan)
-    normalized = X[..., :2] / depth[..., None]
-    distorted = distort(normalized, coefficients)
-    predicted = distorted * focal + center
-
-    # d(pixel)/d(X): through the perspective division, the distortion and the focal lengths.
-    perspective = np.zeros((*X.shape[:-1], 2, 3))
-    perspective[..., 0, 0] = perspective[..., 1, 1] = 1 / depth
-    perspective[..., :, 2] = -normalized / depth[..., None]
-    by_point = focal[:, None] * (distort_derivative(normalized, coefficients) @ perspective)
-
-    x, y = normalized[..., 0], normalized[..., 1]
-    r2 = x * x + y * y
-    by_coefficient = np.stack(  # k1, k2, p1, p2, k3
-        [
-            normalized * r2[..., None],
-            normalized * r2[..., None] ** 2,
-            np.stack([2 * x * y, r2 + 2 * y * y], axis=-1),
-            np.stack([r2 + 2 * x * x, 2 * x * y], axis=-1),
-            normalized * r2[..., None] ** 3,
-        ],
-        axis=-1,
-    )
-    by_focal = distorted[..., :, None] * np.eye(2)
-    by_center = np.broadcast_to(np.eye(2), by_focal.shape)
-    # exp(w) X = X + w x X, so that a row a . (w x X) of the derivative is (X x a) . w.
-    by_rotation = np.cross(rotated[..., None, :], by_point)
-    by_camera = np.concatenate([by_focal, by_center, by_coefficient * focal[:, None], by_rotation, by_point], axis=-1)
+    fx, fy, cx, cy = intrinsics[:4]
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    # OpenCV differentiates by the rotation vector that it is given. As the points come turned, that one is zero, and a
+    # small change of it turns them further in the camera's frame.
+    projected, derivative = cv2.projectPoints(rotated.reshape(-1, 3), np.zeros(3), t, K, intrinsics[4:])
+    behind = rotated[..., 2] + t[2] <= 0
+    predicted = np.where(behind[..., None], np.nan, projected.reshape(*behind.shape, 2))
+    # OpenCV's columns: rotation, translation, focal lengths, principal point, distortion.
+    by_rotation, by_point, by_intrinsics = np.split(derivative.reshape(*behind.shape, 2, -1), [3, 6], axis=-1)
+    by_camera = np.concatenate([by_intrinsics, by_rotation, by_point], axis=-1)
     by_first = by_point @ R
+    # exp(w) X = X + w x X, so that a row a . (w x X) of the derivative is (X x a) . w.
     by_board = np.concatenate([np.cross(turned[..., None, :], by_first), by_first], axis=-1)
     return predicted, by_camera, by_board
