@@ -1,4 +1,4 @@
-"""Settings of the refinement, and what it returns."""
+"""Settings and result of the structural geometry refinement."""
 
 from dataclasses import dataclass, field
 
@@ -19,7 +19,7 @@ REFINEMENT_STATUSES = (
     "no still frames",
     "not converged",
 )
-"""What became of a point; with every status but "ok" its tracks are returned unchanged.
+"""Statuses of a point; with every status but "ok" its tracks are returned unchanged.
 
 ``both views poor``: no view tracks it well enough to serve as the reference. ``uncertainty unknown``: its covariances
 do not tell which view is the poorer; name one. ``too few frames``: fewer than three are triangulated.
@@ -29,12 +29,12 @@ do not tell which view is the poorer; name one. ``too few frames``: fewer than t
 
 @dataclass(frozen=True)
 class SgrSettings:
-    """How tracks are refined.
+    """Settings of the refinement.
 
     Parameters
     ----------
     weights
-        Of the five terms.
+        Weights of the five terms.
     suppressed_axis
         The structural axis along which hardly any motion is expected: longitudinal for bridges, vertical for towers.
     uncertain_view
@@ -72,14 +72,15 @@ class SgrSettings:
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """Refined tracks of P points in T frames, and how they came about.
+    """Refined tracks of P points in T frames, and what is known of the refinement.
 
     Parameters
     ----------
     tracks
-        As given, with u of the uncertain view corrected; the covariances are still those of the tracker.
+        The given tracks, shape (2, T, P, 2) [px], with u of the uncertain view corrected; the covariances are still
+        those of the tracker.
     correction_px
-        What was added to u, shape (T, P) [px]; zero for a point that is not ``ok``, NaN where a sample is missing.
+        Correction of u, shape (T, P) [px]; zero for a point that is not ``ok``, NaN where a sample is missing.
     uncertain_view
         The refined view of each point; ``None`` where none was chosen.
     status
@@ -89,8 +90,8 @@ class Refinement:
     iterations
         Steps until the minimum, shape (P,).
     prior_share
-        How much of what the refined coordinate u said about depth was replaced by the assumption, shape (P,), from 0
-        (images only) to 1 (assumption only); NaN where not ``ok``.
+        Share of the information of the refined coordinate u about depth that the assumption replaced, shape (P,) [1],
+        from 0 (images only) to 1 (assumption only); NaN where not ``ok``.
     gain
         Refined displacement along structural axis a from true motion along axis b, shape (P, 3, 3) [1]; NaN where not
         ``ok``.

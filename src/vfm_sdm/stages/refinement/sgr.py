@@ -34,15 +34,17 @@ def refine(
     Parameters
     ----------
     tracks
-        Tracks with a dim ``view`` of two views, in the order of the rig's cameras, on one clock.
+        Tracks of two views on one clock, in the order of the rig's cameras, dims ``view, time, point, pixel``, shape
+        (2, T, P, 2) [px].
     rig
-        Two cameras; they stay fixed.
+        The two cameras; they stay fixed.
     frame
-        The structure's axes.
+        The structure's axes in the reference camera's frame.
     settings
         Weights, suppressed axis and choice of the view; the paper's by default.
     still_interval_s
-        Displacement in the objective is relative to the mean over this interval; else to the first valid sample.
+        Beginning and end [s] of the interval whose mean is the origin of displacement; without it, the first valid
+        sample is the origin.
 
     Raises
     ------
@@ -62,13 +64,35 @@ def refine(
     Because every term has its own scale, the correction is strong where motion along the other axes stands out of the
     noise, and weaker where all that is seen is noise (a share of 0.4 for a point at rest). A few gross errors raise the
     scale of the suppressed axis and weaken the correction of the whole series; mark them as missing before.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> time_s = np.arange(300) / 30
+    >>> points3d = [1.0, 0.0, 25.0] + 5e-3 * np.sin(12 * time_s)[:, None] * [0.3, 1.0, 0.0]
+    >>> noise = np.random.default_rng(0).normal(0, 0.02, (300, 1, 2))
+    >>> views = []
+    >>> for camera, error, std in ((left, 0.0, 0.005), (right, noise, 0.02)):
+    ...     covariance = np.tile(std**2 * np.eye(2), (300, 1, 1, 1))
+    ...     seen = camera.project(points3d)[:, None] + error
+    ...     views.append(make_tracks(time_s, ["mid"], seen, covariance, np.zeros((300, 1)), attrs={}))
+    >>> tracks = xr.concat(views, "view").assign_coords(view=["left", "right"])
+    >>> refinement = refine(tracks, rig, StructureFrame(np.eye(3)))
+    >>> refinement.status, refinement.uncertain_view
+    (('ok',), ('right',))
     """
     chosen = settings or SgrSettings()
     names = _check_views(tracks, rig)
     pixels = tracks.variables["position"].values
     frames, points = pixels.shape[1:3]
-    still = _still_frames(tracks.variables["time"].values, still_interval_s)
-    view, status = _choose_views(_median_std(tracks.variables["position_covariance"].values[..., 0, 0]), names, chosen)
+    still = _find_still_frames(tracks.variables["time"].values, still_interval_s)
+    view, status = _choose_views(
+        _compute_median_std(tracks.variables["position_covariance"].values[..., 0, 0]), names, chosen
+    )
     result = _Result(
         correction=np.where(np.isfinite(pixels).all(axis=(0, 3)), 0.0, np.nan),
         status=status,
@@ -83,7 +107,7 @@ def refine(
         for start in range(0, len(members), count):
             _refine_points(pixels, rig, frame, members[start : start + count], index, still, chosen, result)
     return Refinement(
-        _corrected_tracks(tracks, result.correction, np.where(status == "ok", view, -1), names, chosen),
+        _correct_tracks(tracks, result.correction, np.where(status == "ok", view, -1), names, chosen),
         result.correction,
         tuple(names[index] if index >= 0 else None for index in view),
         tuple(str(text) for text in result.status),
@@ -118,7 +142,7 @@ def _check_views(tracks: xr.Dataset, rig: Rig) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def _still_frames(time_s: FloatArray, still_interval_s: tuple[float, float] | None) -> BoolArray | None:
+def _find_still_frames(time_s: FloatArray, still_interval_s: tuple[float, float] | None) -> BoolArray | None:
     """Frames of the still interval, shape (T,); ``None`` without one."""
     if still_interval_s is None:
         return None
@@ -131,7 +155,7 @@ def _still_frames(time_s: FloatArray, still_interval_s: tuple[float, float] | No
     return np.asarray(still)
 
 
-def _median_std(variance: FloatArray) -> FloatArray:
+def _compute_median_std(variance: FloatArray) -> FloatArray:
     """Standard deviation of the median variance over the frames that state one, (V, T, P) to (V, P).
 
     NaN where none does. A tracker's reference frame states none: the point is there by definition.
@@ -169,22 +193,22 @@ def _refine_points(
     settings: SgrSettings,
     result: _Result,
 ) -> None:
-    """Refine some points with the same uncertain view and write what came out into the result."""
+    """Refines some points with the same uncertain view and enters the outcome into the result."""
     suppressed = STRUCTURE_AXES.index(settings.suppressed_axis)
     order = [suppressed, *(axis for axis in range(3) if axis != suppressed)]
     axes = frame.rotation[order]
     triangulation = PointTriangulation(pixels[:, :, members], rig, axes, view)
     position, slope = triangulation(np.zeros(triangulation.shape))
     valid = np.asarray((np.isfinite(position) & np.isfinite(slope)).all(axis=0))
-    reference = valid & (np.cumsum(valid, axis=1) == 1 if still is None else still)
-    few, moving = valid.sum(axis=1) < _MIN_FRAMES, ~reference.any(axis=1)
+    origin = valid & (np.cumsum(valid, axis=1) == 1 if still is None else still)
+    few, moving = valid.sum(axis=1) < _MIN_FRAMES, ~origin.any(axis=1)
     result.status[members[moving]] = "no still frames"
     result.status[members[few]] = "too few frames"
     usable = ~(few | moving)
     if not usable.any():
         return
     if not usable.all():
-        members, valid, reference = members[usable], valid[usable], reference[usable]
+        members, valid, origin = members[usable], valid[usable], origin[usable]
         position, slope = position[:, usable], slope[:, usable]
         triangulation = PointTriangulation(pixels[:, :, members], rig, axes, view)
     minimum = find_minimum(
@@ -192,7 +216,7 @@ def _refine_points(
         position,
         slope,
         valid=valid,
-        reference=reference,
+        origin=origin,
         weights=settings.weights,
         max_iterations=settings.max_iterations,
     )
@@ -208,7 +232,7 @@ def _refine_points(
     result.gain[points] = gain
 
 
-def _corrected_tracks(
+def _correct_tracks(
     tracks: xr.Dataset, correction: FloatArray, view: IntArray, names: tuple[str, str], settings: SgrSettings
 ) -> xr.Dataset:
     position = tracks.variables["position"].values.copy()

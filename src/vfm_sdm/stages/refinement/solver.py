@@ -21,12 +21,12 @@ _FREQUENCIES = 64
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where the iteration of P points of T frames ended.
+    """Result of the iteration for P points of T frames.
 
     Parameters
     ----------
     correction
-        Of the pixel coordinate u, shape (P, T) [px]; zero where not valid.
+        Correction of the pixel coordinate u, shape (P, T) [px]; zero where not valid.
     valid
         Samples that took part, shape (P, T).
     cost, iterations, converged
@@ -50,9 +50,9 @@ class PointTriangulation:
     Parameters
     ----------
     pixels
-        Shape (2, T, P, 2) [px].
+        Tracks in both views, shape (2, T, P, 2) [px].
     rig
-        Two cameras.
+        The two cameras.
     axes
         Rotation from the first camera's frame to the axes of the positions, shape (3, 3).
     view
@@ -92,7 +92,7 @@ def find_minimum(
     slope: FloatArray,
     *,
     valid: BoolArray,
-    reference: BoolArray,
+    origin: BoolArray,
     weights: SgrWeights,
     max_iterations: int,
 ) -> Minimum:
@@ -101,17 +101,22 @@ def find_minimum(
     Parameters
     ----------
     triangulation
-        Of the points.
+        Triangulation of the points.
     position, slope
-        Its value without correction: the baseline, shape (3, P, T).
-    valid, reference
+        Positions [m] and their change with u [m/px] without correction, which are the baseline, shape (3, P, T).
+    valid, origin
         Samples that take part, and those whose mean is the origin of displacement, shape (P, T).
     weights, max_iterations
         See `SgrSettings`.
+
+    Returns
+    -------
+    minimum
+        Corrections, shape (P, T) [px], and how the iteration ended.
     """
     slope = np.where(valid, slope, 0.0)
-    objective = make_objective(position, slope, triangulation.u, valid, reference=reference, weights=weights)
-    direction = _lost_motion(objective, slope)
+    objective = make_objective(position, slope, triangulation.u, valid, origin=origin, weights=weights)
+    direction = _compute_lost_motion(objective, slope)
     correction = np.zeros(triangulation.shape)
     cost = objective.cost(position, correction)
     points = len(cost)
@@ -141,7 +146,7 @@ def find_minimum(
     return Minimum(correction, valid, cost, iterations, converged, direction)
 
 
-def _lost_motion(objective: Objective, slope: FloatArray) -> FloatArray:
+def _compute_lost_motion(objective: Objective, slope: FloatArray) -> FloatArray:
     """See `Minimum.direction`: ``S g / g_z`` of the linearised problem, averaged over the frequencies, (P, 3)."""
     mean = slope.sum(axis=2) / objective.valid.sum(axis=1)
     frequency = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
