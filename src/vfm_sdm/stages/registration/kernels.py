@@ -444,8 +444,8 @@ def correlate_on_grid(
 ) -> None:
     """Moves subsets to the highest ZNCC on a grid of 1 / ``divisions`` px within one pixel of their start.
 
-    The arrays are those of `register_subsets`. Of ``warps``, shape (K, 6), only the position is read and moved, from the
-    nearest pixel. The search halves its step from half a pixel down to one division and climbs at every step.
+    The arrays are those of `register_subsets`. Of ``warps``, shape (K, 6), only the position is read and moved, from
+    the nearest pixel. The search halves its step from half a pixel down to one division and climbs at every step.
     """
     pixels, moments, _, grid = bank
     count = pixels.shape[2]
