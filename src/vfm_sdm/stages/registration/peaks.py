@@ -1,4 +1,4 @@
-"""Where a subset may be, to the pixel: peaks of the normalised cross-correlation around a place."""
+"""Peaks of the normalised cross-correlation around a place: where a subset may be, to the pixel."""
 
 import cv2
 import numpy as np
@@ -13,7 +13,27 @@ _RANGE = 0.4
 
 
 def cut_subset(image: LumaArray, center: IntArray, half: int) -> LumaArray:
-    """The square of side 2 half + 1 around a pixel (u, v) of the image."""
+    """The square of an image around a pixel, as a copy.
+
+    Parameters
+    ----------
+    image
+        Shape (H, W).
+    center
+        Middle pixel (u, v), shape (2,) [px].
+    half
+        Half the side of the square, without its middle [px].
+
+    Returns
+    -------
+    subset
+        Shape (2 half + 1, 2 half + 1).
+
+    Examples
+    --------
+    >>> cut_subset(np.arange(25, dtype=np.uint8).reshape(5, 5), np.array([2, 1]), 1).tolist()
+    [[1, 2, 3], [6, 7, 8], [11, 12, 13]]
+    """
     u, v = int(center[0]), int(center[1])
     return image[v - half : v + half + 1, u - half : u + half + 1].copy()
 
@@ -30,17 +50,28 @@ def correlation_peaks(
     image
         Shape (H, W).
     place
-        Centre of the search (u, v) [px].
+        Centre of the search (u, v), shape (2,) [px].
     radius_px
-        Search radius along each axis.
+        Search radius along each axis [px].
     count
         Largest number of peaks.
 
     Returns
     -------
     centers
-        Pixels where the subset's centre would lie, shape (K, 2), best first; empty where the search area does not
+        Pixels where the subset's centre would lie, shape (K, 2) [px], best first; empty where the search area does not
         hold the subset.
+
+    References
+    ----------
+    .. [1] Lewis, J. P. (1995). Fast normalized cross-correlation. Vision Interface.
+
+    Examples
+    --------
+    >>> image = np.random.default_rng(0).integers(0, 255, (60, 80), dtype=np.uint8)
+    >>> subset = cut_subset(image, np.array([40, 30]), 5)
+    >>> correlation_peaks(subset, image, np.array([37.0, 32.0]), radius_px=8, count=1).tolist()
+    [[40.0, 30.0]]
     """
     size = subset.shape[0]
     half = size // 2
