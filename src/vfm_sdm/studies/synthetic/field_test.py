@@ -13,7 +13,7 @@ import xarray as xr
 from vfm_sdm import __version__
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.netcdf import read_displacement, write_dataset
 from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import (
@@ -93,13 +93,14 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
         for number, video in enumerate(videos):
             if films[number] != _film_hash(plan, number):
                 (target / video).unlink(missing_ok=True)
-        with replace_file(target / "truth.nc") as temporary:
-            _truth(plan).to_netcdf(temporary, engine="h5netcdf")
+        write_dataset(target / "truth.nc", _truth(plan))
         for number in range(len(plan.accelerometers)):
             _write_sensor(target, plan, number)
         # What a camera calibrated beforehand would be taken from.
         cameras = Rig.from_world(_VIEWS, plan.site.cameras(), metric=True)
         write_rig(target / "cameras_true.toml", replace(cameras, covariance=np.zeros(2 * [len(_VIEWS) * _PARAMETERS])))
+    except ResultsError:
+        raise
     except OSError as error:
         raise ResultsError(f"{target}: expected to write to this folder, got: {error}; choose another") from error
     missing = [view for view, video in enumerate(videos) if not (target / video).exists()]
@@ -203,9 +204,8 @@ def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
     except OSError as error:
         raise ResultsError(f"{folder}: expected a folder to write to, got: {error}; choose another") from error
     try:
-        with xr.open_dataset(folder / "truth.nc", engine="h5netcdf") as truth:
-            return folder, [str(key) for key in np.atleast_1d(truth.attrs.get("films", ["", ""]))]
-    except (OSError, ValueError):  # absent, or not a dataset: made anew
+        return folder, [str(film) for film in read_displacement(folder / "truth.nc").attrs["films"]]
+    except (ResultsError, KeyError):  # absent, or of another kind: made anew
         return folder, ["", ""]
 
 

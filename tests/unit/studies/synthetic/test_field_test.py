@@ -160,7 +160,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 def test_a_truth_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "truth.nc").mkdir()
-    with pytest.raises(ResultsError, match="expected to write to this folder"):
+    with pytest.raises(ResultsError, match=r"truth\.nc: expected to write it, got: "):
         make_demo(tmp_path)
 
 
