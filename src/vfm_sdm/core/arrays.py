@@ -7,7 +7,17 @@ import numpy.typing as npt
 
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["BoolArray", "FloatArray", "IntArray", "LumaArray", "as_float_array", "mean_of_known", "unbroken_runs"]
+__all__ = [
+    "BoolArray",
+    "FloatArray",
+    "IntArray",
+    "LumaArray",
+    "as_float_array",
+    "clock_departure",
+    "is_even_clock",
+    "mean_of_known",
+    "unbroken_runs",
+]
 
 FloatArray = npt.NDArray[np.float64]
 """Double precision, any shape: everything geometric."""
@@ -81,3 +91,21 @@ def mean_of_known(values: FloatArray, known: BoolArray | None = None, *, axis: i
     count = counts.sum(axis=axis)
     total = np.where(counts, values, 0.0).sum(axis=axis)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def clock_departure(time_s: FloatArray, interval_s: float) -> FloatArray:
+    """How far time stamps are from the even clock ``t0 + i * interval_s``, in intervals, shape (T,).
+
+    Parameters
+    ----------
+    time_s
+        Stamps, shape (T,) [s].
+    interval_s
+        Between two ticks of the even clock [s].
+    """
+    return (time_s - time_s[:1]) / interval_s - np.arange(len(time_s))
+
+
+def is_even_clock(time_s: FloatArray, interval_s: float, *, tolerance: float) -> bool:
+    """Whether no time stamp is further from the even clock of `clock_departure` than the tolerance, in intervals."""
+    return bool(np.all(np.abs(clock_departure(time_s, interval_s)) <= tolerance))

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from vfm_sdm.core.arrays import clock_departure
 from vfm_sdm.errors import DatasetError
 
 __all__ = [
@@ -68,7 +69,8 @@ class Status:
 
 _SENSOR_DIMS = ("time", "sensor", "axis")
 _UNEVEN = 0.01
-"""Share of the sampling interval by which a time stamp of a sensor's clock may be off."""
+"""Share of the sampling interval by which a time stamp of a sensor's clock may be off: its stamps are computed from the
+rate, so that only the digits of a stated rate can part them."""
 _UNIT_FACTORS = {("m", "mm"): 1e3, ("mm", "m"): 1e-3, ("g", "m/s2"): 9.80665, ("m/s2", "g"): 1 / 9.80665}
 
 
@@ -437,7 +439,7 @@ def _check_even_clock(dataset: xr.Dataset) -> None:
     if not (rate > 0 and np.isfinite(rate)):
         raise DatasetError(f"sampling_rate_hz: expected an attribute > 0 Hz, got {rate}; set it")
     time_s = dataset["time"].values
-    off = np.abs((time_s - time_s[:1]) * rate - np.arange(len(time_s)))
+    off = np.abs(clock_departure(time_s, 1 / rate))
     if np.any(off > _UNEVEN):
         raise DatasetError(
             f"time: expected t0 + i / {rate:g} s, got {time_s[off > _UNEVEN][0]:.6f} s as sample "
