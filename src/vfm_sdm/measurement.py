@@ -11,11 +11,12 @@ from typing import Any
 
 import xarray as xr
 
-from vfm_sdm._shim import KINDS, code_modules, make, settings_read
 from vfm_sdm.core.files import file_fingerprint
 from vfm_sdm.core.netcdf import read_tracks, write_points, write_tracks
+from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.registry import code_modules, make, settings_read
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.inputs.session import FirstFrames, Session, input_files, open_views, session_hash, write_session
@@ -125,7 +126,7 @@ class Measurement(Chain[Session]):
     )
     def cameras(self, session: Session) -> CameraSolution:
         """Cameras, structural axes, and the points' pixels that helped to adjust them to the site."""
-        return solve_cameras(session, self.frames, self.part("cameras"), network=self.part("matchers"))
+        return solve_cameras(session, self.frames, self.part("cameras"), matcher=self.part("matchers"))
 
     @product(
         needs=("cameras",),
@@ -268,10 +269,11 @@ class Measurement(Chain[Session]):
         BackendUnavailableError
             One of them is unknown or cannot run here.
         """
-        for kind in KINDS:
-            self._part(kind)
+        for name in self.products():
+            for kind in self.product(name).parts:
+                self._part(kind)
 
-    def part(self, kind: str) -> Any:
+    def part(self, kind: Kind) -> Any:
         """The part of a kind (``cameras``, ``matchers``, ``trackers``) that the session asks for, made once."""
         self.check_declared(kind)
         return self._part(kind)
@@ -288,15 +290,15 @@ class Measurement(Chain[Session]):
             named[name] = self._hashes[path]
         return named
 
-    def part_of(self, kind: str) -> dict[str, Any]:
+    def part_of(self, kind: Kind) -> dict[str, Any]:
         """Name, settings and weights of the chosen part."""
         return {"weights": str(getattr(self._part(kind), "weights_id", ""))}
 
-    def part_settings(self, kind: str) -> list[str]:
+    def part_settings(self, kind: Kind) -> list[str]:
         """Settings that the chosen part reads, and the one that chooses it."""
         return [f"method.{name}" for name in settings_read(kind, self._session.method)]
 
-    def part_modules(self, kind: str) -> tuple[str, ...]:
+    def part_modules(self, kind: Kind) -> tuple[str, ...]:
         """Modules of the chosen part."""
         return code_modules(kind, self._session.method)
 
@@ -304,7 +306,7 @@ class Measurement(Chain[Session]):
         """Versions of the packages that compute."""
         return package_versions()
 
-    def _part(self, kind: str) -> Any:
+    def _part(self, kind: Kind) -> Any:
         if kind not in self._parts:
             self._parts[kind] = make(kind, self._session.resolved_method)
         return self._parts[kind]

@@ -9,13 +9,15 @@ import pytest
 from boards import add_noise, board_poses, see_board
 from known_cameras import KnownCameras, as_colors, vggt_cameras, with_pictures, write_pictures
 from rooms import BASELINE_M, SIZE, room_frames, room_rig, room_session
+from vfm_sdm.core.parts import BUILT_IN
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
-from vfm_sdm.stages.cameras.base import ESTIMATORS, CameraEstimate, find_estimator
+from vfm_sdm.stages.cameras.base import CameraEstimate, find_estimator
 from vfm_sdm.stages.cameras.chessboard.detection import board_points
 from vfm_sdm.stages.cameras.file import write_rig
 from vfm_sdm.stages.cameras.site import rig_difference
 
+ESTIMATORS = BUILT_IN["cameras"]
 NETWORKS = {"vggt"}
 """Estimators whose weights cannot be had here: they run with a stand-in that knows the room, or with random weights."""
 NEEDS_FEATURES = {"sfm", "two-view"}

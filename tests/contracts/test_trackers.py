@@ -11,10 +11,12 @@ import pytest
 from small_networks import NETWORK_TRACKERS, small_tracker
 from textures import WaveTexture
 from vfm_sdm.core.datasets import Status, check_tracks
+from vfm_sdm.core.parts import BUILT_IN
 from vfm_sdm.errors import BackendUnavailableError, DatasetError
 from vfm_sdm.inputs.video import open_images
-from vfm_sdm.stages.tracking.base import TRACKERS, find_tracker
+from vfm_sdm.stages.tracking.base import find_tracker
 
+TRACKERS = BUILT_IN["trackers"]
 SHAPE = (220, 260)
 FRAMES = 12
 POINTS = np.array([[80.25, 90.5], [170.0, 120.75], [120.5, 150.0]])
@@ -148,5 +150,7 @@ def test_points_outside_the_image_are_refused(tracker, clip):
 
 
 def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(BackendUnavailableError, match=r"expected one of \['icgn', 'tapir',.*\], got 'ignc'"):
+    with pytest.raises(
+        BackendUnavailableError, match=r"expected one of \['icgn', 'tapir',.*\], got 'ignc'; did you mean 'icgn'"
+    ):
         find_tracker("ignc")

@@ -80,7 +80,7 @@ def test_the_network_carries_points_to_the_other_view(session, matching, monkeyp
         asked.append((type(network).__name__, first.shape, len(points2d)))
         return np.full(points2d.shape, np.nan)
 
-    monkeypatch.setattr("vfm_sdm.stages.matching.locate.locate_points", locate)
+    monkeypatch.setattr("vfm_sdm.stages.matching.network.locate_points", locate)
     chosen = session(correspondence="vggt")
     solution = Measurement(chosen).cameras
     assert {(name, count) for name, _, count in asked} == {("MatchingNetwork", len(chosen.point))}
@@ -92,7 +92,7 @@ def test_the_network_carries_points_to_the_other_view(session, matching, monkeyp
 def test_a_place_that_the_network_names_is_registered(session, matching, monkeypatch):
     plain = Measurement(session()).cameras
     true = plain.points["position"].sel(view="right").values
-    monkeypatch.setattr("vfm_sdm.stages.matching.locate.locate_points", lambda *args: true + np.array([0.8, -0.6]))
+    monkeypatch.setattr("vfm_sdm.stages.matching.network.locate_points", lambda *args: true + np.array([0.8, -0.6]))
     found = Measurement(session(correspondence="vggt")).cameras
     np.testing.assert_allclose(found.points["position"].sel(view="right"), true, atol=0.05)
 

@@ -26,13 +26,14 @@ from vfm_sdm.commands import tables as reports
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.core.progress import Progress as Callback
+from vfm_sdm.core.registry import find
 from vfm_sdm.errors import DatasetError, VfmSdmError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
-from vfm_sdm.outputs.results import write_mat, write_uff
+from vfm_sdm.outputs.results import write_export
 from vfm_sdm.studies.protocol import run_benchmark
 from vfm_sdm.studies.synthetic.presets import PRESETS, PresetName
 
@@ -49,8 +50,6 @@ app.command(weights)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]
-
-_EXPORTS = {"mat": write_mat, "uff": write_uff}
 
 _out = Console()
 _err = Console(stderr=True)
@@ -92,7 +91,8 @@ def measure_command(
     *,
     output: _Output,
     export: Annotated[
-        tuple[Literal["mat", "uff"], ...], Parameter(help="Also write displacement.mat or displacement.uff (UFF 58).")
+        tuple[str, ...],
+        Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
     ] = (),
 ) -> None:
     """Measure a session: from recordings to displacement in millimetres, with figures and summary.
@@ -100,6 +100,8 @@ def measure_command(
     Finished stages in the run folder are reused unless their inputs changed.
     """
     settings = read_session(session)
+    for form in export:
+        find("writers", form)  # before any work is done
     with _progress() as progress:
         result = measure(settings, output, progress=progress)
     for part in reports.measurement_report(result):
@@ -108,7 +110,7 @@ def measure_command(
     if result.displacement is None:
         _fail(f"no displacement: {result.cameras.status}")
     for form in export:
-        _out.print(f"written: {_EXPORTS[form](output, result.displacement)}")
+        _out.print(f"written: {write_export(form, output, result.displacement)}")
 
 
 @app.command

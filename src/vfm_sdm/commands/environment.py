@@ -2,18 +2,18 @@
 
 import os
 import platform
-from collections.abc import Iterable
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 
 import av.codec
 
-from vfm_sdm.networks.availability import Kind, why_unavailable
+from vfm_sdm.core.parts import KINDS, Kind
+from vfm_sdm.core.registry import find, part_names
+from vfm_sdm.errors import BackendUnavailableError
+from vfm_sdm.networks.availability import why_unavailable
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
-from vfm_sdm.stages.cameras.base import ESTIMATORS
-from vfm_sdm.stages.tracking.base import TRACKERS
 
 __all__ = ["describe_environment"]
 
@@ -26,8 +26,7 @@ def describe_environment() -> dict[str, list[str]]:
         "versions": [f"python {platform.python_version()} on {platform.system()} {platform.machine()}", *_packages()],
         "processors": [f"{os.cpu_count()} logical cores"],
         "video decoders": [f"{name}: {'yes' if _can_decode(name) else 'no'}" for name in _CODECS],
-        "trackers": _backends("tracker", TRACKERS),
-        "camera estimators": _backends("cameras", ESTIMATORS),
+        **{info.title: _parts(kind) for kind, info in KINDS.items()},
         "vision foundation models": [*_torch(), *_checkpoints()],
     }
 
@@ -51,9 +50,18 @@ def _can_decode(name: str) -> bool:
         return False
 
 
-def _backends(kind: Kind, names: Iterable[str]) -> list[str]:
-    reasons = {name: why_unavailable(kind, name) for name in sorted(names)}
-    return [f"{name}: {'can run' if reason is None else f'cannot run: {reason}'}" for name, reason in reasons.items()]
+def _parts(kind: Kind) -> list[str]:
+    """Every part of a kind: whether it can run here, and which package brings it where that is another one."""
+    return [f"{name}: {_state(kind, name)}" for name in part_names(kind)]
+
+
+def _state(kind: Kind, name: str) -> str:
+    try:
+        brought = find(kind, name).distribution
+        reason = why_unavailable(kind, name)
+    except BackendUnavailableError as error:
+        return f"cannot run: {error}"
+    return ("can run" if reason is None else f"cannot run: {reason}") + (f" ({brought})" if brought else "")
 
 
 def _torch() -> list[str]:

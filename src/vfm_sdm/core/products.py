@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, Self, TypeVar, cast, overload
 
 from vfm_sdm.core.code import code_hash, modules_used
+from vfm_sdm.core.parts import Kind
 from vfm_sdm.errors import ResultsError
 
 __all__ = ["Chain", "Kept", "Product", "Settings", "product"]
@@ -62,7 +63,7 @@ class _Declared:
 
     reads: tuple[str, ...]
     needs: tuple[str, ...]
-    parts: tuple[str, ...]
+    parts: tuple[Kind, ...]
     label: str
     identity: Callable[[Any], Any] | None
 
@@ -110,7 +111,7 @@ class product:  # noqa: N801  (a decorator)
         *,
         reads: Sequence[str] = (),
         needs: Sequence[str] = (),
-        parts: Sequence[str] = (),
+        parts: Sequence[Kind] = (),
         kept: Kept[Any] | None = None,
         label: str = "",
         identity: Callable[[Any], Any] | None = None,
@@ -175,15 +176,15 @@ class Chain(Generic[S]):
         del settings
         return {}
 
-    def part_of(self, kind: str) -> Mapping[str, Any]:
+    def part_of(self, kind: Kind) -> Mapping[str, Any]:
         """What tells an interchangeable part of this kind from another; see `product`."""
         raise NotImplementedError(kind)
 
-    def part_settings(self, kind: str) -> Sequence[str]:
+    def part_settings(self, kind: Kind) -> Sequence[str]:
         """Settings that the chosen part of this kind reads, and the one that chooses it."""
         raise NotImplementedError(kind)
 
-    def part_modules(self, kind: str) -> Sequence[str]:
+    def part_modules(self, kind: Kind) -> Sequence[str]:
         """Modules of the chosen part of this kind."""
         raise NotImplementedError(kind)
 
@@ -210,7 +211,7 @@ class Chain(Generic[S]):
         if self._asking:
             raise RuntimeError(f"product {self._asking[-1].name!r} reads {what}; declare what it needs of it")
 
-    def check_declared(self, kind: str) -> None:
+    def check_declared(self, kind: Kind) -> None:
         """Refuses a part that the product in the making does not declare.
 
         Raises

@@ -8,12 +8,12 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from vfm_sdm.core.registry import parts_of, settings_model, table_names
+from vfm_sdm.errors import BackendUnavailableError
+
 __all__ = ["cross_faults", "field_faults"]
 
 _Location = Sequence[str | int]
-
-_SCALED_BY_BASELINE = ("two-view", "vggt", "sfm")
-"""Camera estimators that find no lengths themselves."""
 
 
 def field_faults(error: ValidationError, model: type[BaseModel], fields: Mapping[str, Any]) -> list[str]:
@@ -86,7 +86,10 @@ def _keys_at(model: type[BaseModel], location: _Location) -> list[str]:
     for part in location:
         if isinstance(part, str) and part in model.model_fields:
             model = next(_models_in(model.model_fields[part].annotation), model)
-    return [name for name, field in model.model_fields.items() if not field.exclude]
+        elif isinstance(part, str) and model.model_config.get("extra") == "allow":
+            model = settings_model(part) or model
+    tables = table_names() if model.model_config.get("extra") == "allow" else []
+    return [*(name for name, field in model.model_fields.items() if not field.exclude), *tables]
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -146,20 +149,22 @@ def _site_faults(site: Any, views: list[Any], view_names: list[str], point_names
 def _method_faults(fields: Mapping[str, Any], views: list[Any], view_names: list[str]) -> list[str]:
     faults: list[str] = []
     cameras = _get(_get(fields, "method"), "cameras") or "two-view"
+    required = _requirements(cameras)
     chessboard = _get(fields, "chessboard")
-    if cameras in _SCALED_BY_BASELINE and len(views) > 1 and _get(_get(fields, "site"), "baseline") is None:
+    if "baseline" in required and len(views) > 1 and _get(_get(fields, "site"), "baseline") is None:
         faults.append(
             "site.baseline: expected the measured distance between the cameras, got nothing; "
             "add baseline = { value = ..., std = ... } in metres under [site]"
         )
-    if cameras == "chessboard" and chessboard is None:
+    if "chessboard" in required and chessboard is None:
         faults.append(
-            'chessboard: expected a table [chessboard] for cameras = "chessboard", got nothing; '
+            f'chessboard: expected a table [chessboard] for cameras = "{cameras}", got nothing; '
             "add it with pattern, square_mm and images"
         )
-    if cameras == "file":
+    if "camera files" in required:
         faults += [
-            f'view[{_get(view, "name")}].camera: expected a file for cameras = "file", got nothing; add camera = "..."'
+            f'view[{_get(view, "name")}].camera: expected a file for cameras = "{cameras}", got nothing; '
+            'add camera = "..."'
             for view in views
             if _get(view, "camera") is None
         ]
@@ -167,9 +172,20 @@ def _method_faults(fields: Mapping[str, Any], views: list[Any], view_names: list
     if isinstance(images, Mapping):
         for name in images:
             faults += _unknown("chessboard.images", name, "view", view_names)
-        missing = [name for name in view_names if name not in images] if cameras == "chessboard" else []
+        missing = [name for name in view_names if name not in images] if "chessboard" in required else []
         faults += [f"chessboard.images: expected a pattern for view {name!r}, got none; add it" for name in missing]
     return faults
+
+
+def _requirements(cameras: Any) -> set[str]:
+    """What the session has to state for a camera estimator; nothing where the estimator cannot be had."""
+    if not isinstance(cameras, str):
+        return set()
+    try:
+        parts = parts_of("cameras", cameras)
+    except BackendUnavailableError:
+        return set()
+    return {requirement for part in parts.values() for requirement in part.requires}
 
 
 def _get(entry: Any, key: str) -> Any:

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import tomli_w
 
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.errors import SessionError
+from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session
 
 __all__ = ["read_session", "session_hash", "write_session"]
@@ -78,7 +79,7 @@ def write_session(path: Path | str, session: Session) -> Path:
     target = Path(path)
     # TOML has no null: an absent key says the same.
     fields = session.model_dump(mode="json", exclude_none=True)
-    _move_paths(fields, session.folder.absolute(), target.absolute().parent)
+    _move_paths(_path_entries(session, fields), session.folder.absolute(), target.absolute().parent)
     try:
         with replace_file(target) as temporary:
             temporary.write_bytes(tomli_w.dumps(_without_empty(fields)).encode())
@@ -105,8 +106,10 @@ def _without_empty(value: Any) -> Any:
     return [_without_empty(inner) for inner in value] if isinstance(value, list) else value
 
 
-def _path_entries(fields: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
+def _path_entries(session: Session, fields: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
     """Every table of a dumped session that holds a path or pattern, with its key."""
+    for name, table in session.method.tables.items():
+        yield from ((fields["method"][name], key) for key in table_paths(table))
     for table in (*fields["view"], *fields["sensor"], fields.get("chessboard", {})):
         for key in ("video", "images", "camera", "file", "corners"):
             if isinstance(table.get(key), dict):
@@ -115,10 +118,10 @@ def _path_entries(fields: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]
                 yield table, key
 
 
-def _move_paths(fields: dict[str, Any], start: Path, end: Path) -> None:
+def _move_paths(entries: Iterable[tuple[dict[str, Any], str]], start: Path, end: Path) -> None:
     if start == end:
         return
-    for table, key in _path_entries(fields):
+    for table, key in entries:
         if not Path(table[key]).is_absolute():
             table[key] = Path(os.path.relpath(start / table[key], end)).as_posix()
 

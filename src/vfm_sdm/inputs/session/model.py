@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    AfterValidator,
     AwareDatetime,
     BeforeValidator,
     Field,
@@ -24,18 +23,17 @@ from pydantic import (
 
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults
+from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
 from vfm_sdm.inputs.session.site import Entry, Level, Name, Number, Positive, Site
-from vfm_sdm.networks.interface import Precision
 
-__all__ = ["Chessboard", "Lens", "Method", "Network", "Point", "Sensor", "Session", "Sfm", "Sgr", "View"]
+__all__ = ["Chessboard", "Lens", "Point", "Sensor", "Session", "View"]
 
 _Count = Annotated[int, Strict(), Field(ge=3)]
 _ViewName = Annotated[Name, Field(pattern=r"^[^/\\]+$")]  # becomes a netCDF group and part of a file name
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
 _Pixel = tuple[_Coordinate, _Coordinate]
-_Weight = Annotated[Number, Field(ge=0)]
 
 
 def _instant(value: object) -> object:
@@ -167,83 +165,6 @@ class Chessboard(Entry):
         return self
 
 
-def _increasing(interval: tuple[float, float]) -> tuple[float, float]:
-    if not 0 <= interval[0] < interval[1]:
-        raise ValueError(f"expected 0 <= start < end in seconds, got {list(interval)}; swap or correct them")
-    return interval
-
-
-def _subset(size: int) -> int:
-    if size % 2 == 0 or size < 9:
-        raise ValueError(f"expected an odd number of pixels >= 9, got {size}; use 41 when in doubt")
-    return size
-
-
-class Sgr(Entry):
-    """Settings of the structural geometry refinement (`vfm_sdm.stages.refinement`); the paper's by default."""
-
-    suppressed_axis: Literal["lateral", "vertical", "longitudinal"] = "longitudinal"
-    uncertain_view: Name = "auto"
-    """Name of the view to correct, or the one that each point's covariances show to be the poorer."""
-    longitudinal: _Weight = 4.0
-    longitudinal_rate: _Weight = 8.0
-    others: _Weight = 6.0
-    others_rate: _Weight = 12.0
-    pixel: Positive = 0.05
-
-
-class Network(Entry):
-    """Settings of the back ends that run a network: ``vggt``, ``tapir`` and what builds on them."""
-
-    weights: Name | None = None
-    """Name of a checkpoint (``vfm-sdm weights list``), or its file; the back end's own where nothing is said."""
-    preset: Literal["fast", "paper"] = "fast"
-    """How VGGT sees a recording: ``paper`` pads patches and streams overlapping chunks as the paper does, ``fast``
-    takes small chunks that all begin with the reference frame."""
-    device: Name = "auto"
-    """Where it runs, in PyTorch's words; a GPU where there is one."""
-    precision: Precision = "auto"
-    """Of VGGT's matrix products; bfloat16 on GPUs by default. TAPIR always runs in float32."""
-
-
-class Sfm(Entry):
-    """Settings of the cameras ``sfm``: what is matched, and by whom."""
-
-    features: Literal["sift", "superpoint"] = "sift"
-    matcher: Literal["superglue", "lightglue"] | None = None
-    """Who matches SuperPoint's features: SuperGlue where nothing is said, as in the paper."""
-    model: Name | None = None
-    """Folder of the matcher's checkpoint; the published one from the download cache where nothing is said."""
-
-    @model_validator(mode="after")
-    def _learned(self) -> Self:
-        if self.features == "sift" and (self.matcher or self.model):
-            raise ValueError('expected features = "superpoint" for a matcher or model, got "sift"; add it')
-        return self
-
-
-class Method(Entry):
-    """How to measure."""
-
-    tracker: Name = "icgn"
-    cameras: Name = "two-view"
-    refinement: Literal["none", "sgr"] = "none"
-    synchronization: Literal["motion", "none"] = "motion"
-    """Whether the offset between views is estimated from the points' motion, or taken as stated."""
-    camera_motion: Literal["remove", "keep"] = "remove"
-    """Whether motion of the cameras that static points show is taken out of the tracks, where that is sure to help."""
-    sgr: Sgr = Sgr()
-    still_interval_s: Annotated[tuple[Number, Number], AfterValidator(_increasing)] | None = None
-    """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""
-    subset_px: Annotated[int, Strict(), AfterValidator(_subset)] = 41
-    """Side of the square that a tracker compares [px]."""
-    correspondence: Literal["registration", "vggt"] = "registration"
-    """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
-    VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
-    network: Network = Network()
-    sfm: Sfm = Sfm()
-
-
 class Session(Entry):
     """A measurement session; the first view is the reference.
 
@@ -295,7 +216,11 @@ class Session(Entry):
             network = network.model_copy(update={"weights": str(self.resolve(Path(network.weights).expanduser()))})
         if sfm.model and self.resolve(sfm.model).is_dir():
             sfm = sfm.model_copy(update={"model": str(self.resolve(sfm.model))})
-        return self.method.model_copy(update={"network": network, "sfm": sfm})
+        tables = {
+            name: table.model_copy(update={key: self.resolve(path) for key, path in table_paths(table).items()})
+            for name, table in self.method.tables.items()
+        }
+        return self.method.model_copy(update={"network": network, "sfm": sfm, **tables})
 
     def narrowed(self, reads: Sequence[str]) -> Self:
         """The session with the named fields alone, as `vfm_sdm.inputs.session.narrow` explains."""

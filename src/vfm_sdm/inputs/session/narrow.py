@@ -38,10 +38,12 @@ def narrow(model: M, reads: Sequence[str], *, always: Sequence[str] = ()) -> M:
     """
     if "*" in reads:
         return model
-    known = type(model).model_fields
-    unknown = {name.split(".")[0] for name in reads} - set(known)
+    known, tables = type(model).model_fields, model.model_extra or {}
+    unknown = {name.split(".")[0] for name in reads} - {*known, *tables}
     if unknown:
-        raise ValueError(f"reads: expected fields of {sorted(known)}, got {sorted(unknown)}; correct the declaration")
+        raise ValueError(
+            f"reads: expected fields of {sorted([*known, *tables])}, got {sorted(unknown)}; correct the declaration"
+        )
     values: dict[str, Any] = {}
     for name, field in known.items():
         value = getattr(model, name)
@@ -56,4 +58,5 @@ def narrow(model: M, reads: Sequence[str], *, always: Sequence[str] = ()) -> M:
             values[name] = () if isinstance(value, tuple) else None
         else:
             values[name] = field.get_default(call_default_factory=True)
+    values |= {name: table for name, table in tables.items() if name in reads}
     return type(model).model_construct(**values)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session
 from vfm_sdm.inputs.video import RgbArray, Video, open_images, open_video
 
@@ -84,6 +85,10 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
         yield str(board.corners), session.resolve(board.corners)
     for name, pattern in (board.images or {} if board is not None else {}).items():
         yield from _pattern_files(session, f"chessboard {name}", pattern)
+    for name, table in session.method.tables.items():
+        for key, path in table_paths(table).items():
+            if session.resolve(path).is_file():
+                yield f"method.{name}.{key}", session.resolve(path)
 
 
 def _pattern_files(session: Session, label: str, pattern: str) -> Iterator[tuple[str, Path]]:

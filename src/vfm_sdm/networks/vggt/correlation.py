@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
 
-__all__ = ["correlate", "make_pyramid", "sample_linear"]
+__all__ = ["clamp_to", "correlate", "make_pyramid", "sample_linear"]
 
 
 def make_pyramid(features: Tensor, levels: int) -> list[Tensor]:
@@ -65,15 +65,23 @@ def correlate(pyramid: list[Tensor], tracks: Tensor, positions: Tensor, *, radiu
     return torch.cat(found, dim=-1)
 
 
+def clamp_to(positions: Tensor, rows: int, columns: int) -> Tensor:
+    """Columns and rows (..., 2) moved onto a grid of so many cells; NaN stays.
+
+    The limits are plain numbers: to bring a tensor of them to a GPU would wait for all that runs there.
+    """
+    column, row = positions.unbind(-1)
+    return torch.stack([column.clamp(0, columns - 1), row.clamp(0, rows - 1)], dim=-1)
+
+
 def sample_linear(features: Tensor, positions: Tensor) -> Tensor:
     """Features (T, C) of one map (h, w, C) at columns and rows (T, 2), bilinear; outside, those of the border."""
-    limits = positions.new_tensor([features.shape[1] - 1, features.shape[0] - 1])
-    place = torch.minimum(positions.clamp(min=0), limits)
+    place = clamp_to(positions, features.shape[0], features.shape[1])
     # A position that is not a number stays one, but no cell has such an index.
     corner = place.nan_to_num().floor()
     u, v = (place - corner).unsqueeze(-1).unbind(1)
     left, top = corner.long().unbind(1)
-    right, bottom = torch.minimum(corner + 1, limits).long().unbind(1)
+    right, bottom = clamp_to(corner + 1, features.shape[0], features.shape[1]).long().unbind(1)
     upper = (1 - u) * features[top, left] + u * features[top, right]
     lower = (1 - u) * features[bottom, left] + u * features[bottom, right]
     return (1 - v) * upper + v * lower

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from vfm_sdm.networks.vggt.config import VggtConfig
-from vfm_sdm.networks.vggt.correlation import correlate, make_pyramid, sample_linear
+from vfm_sdm.networks.vggt.correlation import clamp_to, correlate, make_pyramid, sample_linear
 from vfm_sdm.networks.vggt.layers import Mlp
 from vfm_sdm.networks.vggt.updates import UpdateTransformer
 
@@ -145,8 +145,7 @@ def embed_place(positions: Tensor, size: tuple[int, int], channels: int) -> Tens
     count = channels // 4
     steps = torch.arange(count, device=positions.device, dtype=torch.float32)
     frequencies = 10000.0 ** (-steps / count)
-    limits = positions.new_tensor([size[1] - 1, size[0] - 1])
-    place = torch.minimum(positions.clamp(min=0), limits)
+    place = clamp_to(positions, *size)
     corner = place.floor()
     fraction = (place - corner).unsqueeze(-1)
 
@@ -154,5 +153,5 @@ def embed_place(positions: Tensor, size: tuple[int, int], channels: int) -> Tens
         angles = cells.float().unsqueeze(-1) * frequencies
         return torch.cat([angles.sin(), angles.cos()], dim=-1).to(positions.dtype)
 
-    table = (1 - fraction) * at(corner) + fraction * at(torch.minimum(corner + 1, limits))
+    table = (1 - fraction) * at(corner) + fraction * at(clamp_to(corner + 1, *size))
     return table.flatten(-2)

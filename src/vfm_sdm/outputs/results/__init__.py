@@ -1,6 +1,6 @@
 """The run folder: tracks, displacement and summary written so that they are whole or absent, and read back."""
 
-from vfm_sdm.outputs.results.exports import write_displacement, write_mat, write_uff
+from vfm_sdm.outputs.results.exports import write_displacement, write_export
 from vfm_sdm.outputs.results.notes import (
     describe_camera_motion,
     describe_clocks,
@@ -22,7 +22,6 @@ __all__ = [
     "recording_notes",
     "summarize_displacement",
     "write_displacement",
-    "write_mat",
+    "write_export",
     "write_summary",
-    "write_uff",
 ]

@@ -1,7 +1,7 @@
 """Displacement for other programs: a table (CSV), MATLAB (MAT) and modal analysis (universal file, dataset 58)."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +13,14 @@ from vfm_sdm.core.datasets import STATUS_MEANINGS, check_displacement, convert_u
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.core.netcdf import storable
 from vfm_sdm.core.netcdf import write_displacement as write_netcdf
+from vfm_sdm.core.registry import find
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.signals.clocks import ROUNDED_STAMPS
 
-__all__ = ["write_csv", "write_displacement", "write_mat", "write_uff"]
+__all__ = ["Writer", "to_csv", "to_mat", "to_uff", "write_displacement", "write_export"]
+
+Writer = Callable[[Path, xr.Dataset], None]
+"""See `write_export`."""
 
 # Codes of the universal file format, datasets 58 and 164.
 _TIME_RESPONSE = 1
@@ -46,81 +50,102 @@ def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
     """
     storable(displacement)  # before anything is written
     # The table first: a later run takes displacement.nc as the sign that the result is complete.
-    write_csv(folder, displacement)
+    _write(to_csv, "csv", folder, displacement)
     return write_netcdf(folder, displacement)
 
 
-def write_csv(folder: Path | str, displacement: xr.Dataset) -> Path:
-    """Writes ``displacement.csv``: one row a frame, units in the column names, empty cells where there is no value.
+def write_export(name: str, folder: Path | str, displacement: xr.Dataset) -> Path:
+    """Writes ``displacement.NAME`` for other programs, whole or not at all; its path.
 
-    Columns: ``time_s``; for each point ``<point> <axis> [mm]`` and ``<point> <axis> std [mm]`` (random part) for each
-    axis, and ``<point> status`` in words.
+    Parameters
+    ----------
+    name
+        Of the writer (``csv``, ``mat``, ``uff``, or another package's), and the file's suffix.
+    folder
+        The run folder; made when absent.
+    displacement
+        See `vfm_sdm.core.datasets`.
 
     Raises
     ------
+    BackendUnavailableError
+        There is no such writer, or it cannot run here.
     ResultsError
-        The file cannot be written.
+        There is no value to write, or the file cannot be written.
+    DatasetError
+        The dataset does not hold displacement.
+
+    Notes
+    -----
+    A writer is a function of the path to write to and of the dataset, whose dims it finds in the order ``time, point,
+    axis``. It writes one file, and raises `ResultsError` where the data do not allow one.
     """
-    target = Path(folder) / "displacement.csv"
+    return _write(find("writers", name).load(), name, folder, displacement)
+
+
+def _write(writer: Writer, name: str, folder: Path | str, displacement: xr.Dataset) -> Path:
+    target = Path(folder) / f"displacement.{name}"
     data = check_displacement(displacement).transpose("time", "point", "axis", ...)
-    points, axes = _names(data, "point"), _names(data, "axis")
+    try:
+        with replace_file(target) as temporary:
+            writer(temporary, data)
+    except ResultsError as error:
+        raise ResultsError(f"{target}: {error}") from error
+    except (OSError, ValueError) as error:
+        raise ResultsError(
+            f"{target}: expected to write it, got: {error}; close it elsewhere, or choose another folder"
+        ) from error
+    return target
+
+
+def to_csv(path: Path, displacement: xr.Dataset) -> None:
+    """A table: one row a frame, units in the column names, empty cells where there is no value.
+
+    Columns: ``time_s``; for each point ``<point> <axis> [mm]`` and ``<point> <axis> std [mm]`` (random part) for each
+    axis, and ``<point> status`` in words.
+    """
+    points, axes = _names(displacement, "point"), _names(displacement, "axis")
     header = ["time_s"]
     for point in points:
         header += [f"{point} {axis}{part} [mm]" for axis in axes for part in ("", " std")] + [f"{point} status"]
     # Shape (time, point, axis, value and std) so that a row reads in the order of the header.
-    values = np.stack([data["displacement"].values, data["displacement_std"].values], axis=-1)
-    status = data["status"].values
-    try:
-        with replace_file(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(header)
-            for time_s, of_points, codes in zip(data["time"].values, values, status, strict=True):
-                row = [repr(float(time_s))]
-                for of_axes, code in zip(of_points, codes, strict=True):
-                    row += ["" if np.isnan(v) else f"{v:.9g}" for v in of_axes.ravel()] + [STATUS_MEANINGS[code]]
-                writer.writerow(row)
-    except OSError as error:
-        raise ResultsError(f"{target}: expected to write it, got: {error}; close it elsewhere") from error
-    return target
+    values = np.stack([displacement["displacement"].values, displacement["displacement_std"].values], axis=-1)
+    status = displacement["status"].values
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        for time_s, of_points, codes in zip(displacement["time"].values, values, status, strict=True):
+            row = [repr(float(time_s))]
+            for of_axes, code in zip(of_points, codes, strict=True):
+                row += ["" if np.isnan(v) else f"{v:.9g}" for v in of_axes.ravel()] + [STATUS_MEANINGS[code]]
+            writer.writerow(row)
 
 
-def write_mat(folder: Path | str, displacement: xr.Dataset) -> Path:
-    """Writes ``displacement.mat`` (version 5) with the arrays, names and units of the dataset.
+def to_mat(path: Path, displacement: xr.Dataset) -> None:
+    """MATLAB's version 5 with the arrays, names and units of the dataset.
 
     Variables: ``time_s`` (T, 1), ``points`` and ``axes`` (cell arrays), ``displacement_mm``, ``displacement_std_mm``
     and ``position_m`` (T, P, 3), ``scale_std`` (P, 3), ``reprojection_error_px`` and ``status`` (T, P),
     ``status_meanings`` (cell array; code 0 is the first) and ``frame``.
-
-    Raises
-    ------
-    ResultsError
-        The file cannot be written.
     """
-    target = Path(folder) / "displacement.mat"
-    data = check_displacement(displacement).transpose("time", "point", "axis", ...)
     content = {
-        "time_s": data["time"].values,
-        "points": np.array(_names(data, "point"), dtype=object),
-        "axes": np.array(_names(data, "axis"), dtype=object),
-        "displacement_mm": data["displacement"].values,
-        "displacement_std_mm": data["displacement_std"].values,
-        "scale_std": data["scale_std"].values,
-        "position_m": data["position"].values,
-        "reprojection_error_px": data["reprojection_error"].values,
-        "status": data["status"].values,
+        "time_s": displacement["time"].values,
+        "points": np.array(_names(displacement, "point"), dtype=object),
+        "axes": np.array(_names(displacement, "axis"), dtype=object),
+        "displacement_mm": displacement["displacement"].values,
+        "displacement_std_mm": displacement["displacement_std"].values,
+        "scale_std": displacement["scale_std"].values,
+        "position_m": displacement["position"].values,
+        "reprojection_error_px": displacement["reprojection_error"].values,
+        "status": displacement["status"].values,
         "status_meanings": np.array(STATUS_MEANINGS, dtype=object),
-        "frame": str(data.attrs.get("frame", "")),
+        "frame": str(displacement.attrs.get("frame", "")),
     }
-    try:
-        with replace_file(target) as temporary:
-            savemat(temporary, content, appendmat=False, long_field_names=True, oned_as="column", do_compression=True)
-    except (OSError, ValueError) as error:
-        raise ResultsError(f"{target}: expected to write it, got: {error}; export the CSV instead") from error
-    return target
+    savemat(path, content, appendmat=False, long_field_names=True, oned_as="column", do_compression=True)
 
 
-def write_uff(folder: Path | str, displacement: xr.Dataset) -> Path:
-    """Writes ``displacement.uff``: universal file format, one dataset 58 a point and axis, SI units (metres).
+def to_uff(path: Path, displacement: xr.Dataset) -> None:
+    """Universal file format, one dataset 58 a point and axis, SI units (metres).
 
     Nodes are the points in their order, from 1; directions 1, 2, 3 are the axes in their order. Samples without a
     value are left out; such a series, or one whose frames are unevenly spaced, is written with its time stamps, which
@@ -129,34 +154,27 @@ def write_uff(folder: Path | str, displacement: xr.Dataset) -> Path:
     Raises
     ------
     ResultsError
-        There is no value to write, or the file cannot be written.
+        There is no value to write.
 
     References
     ----------
     .. [1] Structural Dynamics Research Laboratory, University of Cincinnati, "Universal File Formats", datasets
        58 (function at nodal degree of freedom) and 164 (units).
     """
-    target = Path(folder) / "displacement.uff"
-    data = check_displacement(displacement)
-    metres = convert_units(data["displacement"], "m").transpose("time", "point", "axis").values
-    time_s = data["time"].values
+    metres = convert_units(displacement["displacement"], "m").values
+    time_s = displacement["time"].values
     records: list[str] = []
-    for node, point in enumerate(_names(data, "point"), start=1):
-        for direction, axis in enumerate(_names(data, "axis"), start=1):
+    for node, point in enumerate(_names(displacement, "point"), start=1):
+        for direction, axis in enumerate(_names(displacement, "axis"), start=1):
             series = metres[:, node - 1, direction - 1]
             found = np.isfinite(series)
             if found.any():
                 label = (point, axis)
                 records += _dataset_58(time_s[found], series[found], label=label, node=node, direction=direction)
     if not records:
-        raise ResultsError(f"{target}: expected at least one value, got none; look at the tracks' status first")
+        raise ResultsError("expected at least one value, got none; look at the tracks' status first")
     text = "\n".join([*_dataset_164(), *records]) + "\n"
-    try:
-        with replace_file(target) as temporary:
-            temporary.write_bytes(text.encode("ascii", errors="replace"))
-    except OSError as error:
-        raise ResultsError(f"{target}: expected to write it, got: {error}; choose another folder") from error
-    return target
+    path.write_bytes(text.encode("ascii", errors="replace"))
 
 
 def _dataset_164() -> list[str]:

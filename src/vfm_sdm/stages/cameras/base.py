@@ -1,23 +1,14 @@
-"""What a camera estimator is, what it returns, and how one is found by name."""
+"""What a camera estimator is, what it returns, and how one is found by name; `vfm_sdm.core.parts` lists them."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from vfm_sdm.core.registry import Backend, find_backend
+from vfm_sdm.core.registry import find, make
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import FirstFrames, Method, Session
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["ESTIMATORS", "CameraEstimate", "CameraEstimator", "estimator_of", "find_estimator"]
-
-ESTIMATORS = {
-    "file": Backend("vfm_sdm.stages.cameras.file", "FileCameras"),
-    "chessboard": Backend("vfm_sdm.stages.cameras.chessboard.estimator", "ChessboardCameras"),
-    "two-view": Backend("vfm_sdm.stages.cameras.two_view", "TwoViewCameras"),
-    "vggt": Backend("vfm_sdm.stages.cameras.vggt", "VggtCameras", ("network",)),
-    "sfm": Backend("vfm_sdm.stages.cameras.sfm", "SfmCameras", ("sfm",)),
-}
-"""Every estimator by its name."""
+__all__ = ["CameraEstimate", "CameraEstimator", "estimator_of", "find_estimator"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +67,7 @@ def estimator_of(method: Method) -> CameraEstimator:
     BackendUnavailableError
         No estimator has this name, or it cannot run here.
     """
-    estimator: CameraEstimator = find_backend(ESTIMATORS, "cameras", method.cameras).make_for(method)
+    estimator: CameraEstimator = make("cameras", method)
     return estimator
 
 
@@ -88,5 +79,5 @@ def find_estimator(name: str, **options: Any) -> CameraEstimator:
     BackendUnavailableError
         No estimator has this name, or it cannot run here.
     """
-    estimator: CameraEstimator = find_backend(ESTIMATORS, "cameras", name).make(**options)
+    estimator: CameraEstimator = find("cameras", name).make(**options)
     return estimator

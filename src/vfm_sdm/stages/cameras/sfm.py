@@ -18,12 +18,12 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.inputs.session import Session, Sfm
+from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.cameras.base import CameraEstimate
 from vfm_sdm.stages.cameras.priors import CameraPriors, read_priors
 from vfm_sdm.stages.cameras.two_view import MIN_INLIERS, TOO_FEW_MATCHES
+from vfm_sdm.stages.matching.base import FeatureMatcher
 from vfm_sdm.stages.matching.features import to_eight_bit
-from vfm_sdm.stages.matching.learned_features import LearnedMatcher
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["NOT_RECONSTRUCTED", "SfmCameras"]
@@ -49,13 +49,13 @@ class SfmCameras:
 
     Parameters
     ----------
-    sfm
-        Features and matcher: COLMAP's SIFT by default, else `vfm_sdm.stages.matching.learned_features.LearnedMatcher`.
+    features
+        What matches features; COLMAP's own SIFT by default.
 
     Raises
     ------
     BackendUnavailableError
-        A package is missing, or a checkpoint cannot be used.
+        The package pycolmap is missing.
 
     Notes
     -----
@@ -71,16 +71,14 @@ class SfmCameras:
 
     name = "sfm"
 
-    def __init__(self, *, sfm: Sfm | None = None) -> None:
-        settings = sfm or Sfm()
+    def __init__(self, *, features: FeatureMatcher | None = None) -> None:
         try:
             self._colmap: Any = import_module("pycolmap")
         except ImportError as error:
             raise BackendUnavailableError(
                 "sfm: expected the package pycolmap, got none; pip install 'vfm-sdm[sfm]'"
             ) from error
-        learned = settings.features == "superpoint"
-        self._matcher = LearnedMatcher(settings.matcher or "superglue", model=settings.model) if learned else None
+        self._matcher = features
 
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
         """Rig with the tape's baseline, its prior covariance, and the matches that the bundle adjustment kept.

@@ -13,10 +13,10 @@ import xarray as xr
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import FirstFrames, Session, Site
-from vfm_sdm.networks.interface import ChunkNetwork
 from vfm_sdm.stages.cameras.base import CameraEstimator
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.correspondence import OK
 from vfm_sdm.stages.matching.locate import PointFinder
 from vfm_sdm.stages.matching.matches import Matches
@@ -29,7 +29,7 @@ _NO_COVARIANCE = "the camera file states no covariance: the scale has no stated 
 
 
 def solve_cameras(
-    session: Session, frames: FirstFrames, estimator: CameraEstimator, *, network: ChunkNetwork | None = None
+    session: Session, frames: FirstFrames, estimator: CameraEstimator, *, matcher: PointMatcher | None = None
 ) -> CameraSolution:
     """Cameras, structural axes and the points' pixels in every view, from the first frames and the site's lengths.
 
@@ -41,8 +41,8 @@ def solve_cameras(
         First frame of every view by name, in the session's order.
     estimator
         Finds the cameras before the adjustment.
-    network
-        Where asked for, the network that says where points lie in the other views.
+    matcher
+        Where asked for, what says roughly where points lie in the other views.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def solve_cameras(
     if estimate.rig is None:
         points = named_points(session, views)
         return CameraSolution(None, None, None, points, status=estimate.status, notes=estimate.notes)
-    finder = PointFinder(session, frames, network)
+    finder = PointFinder(session, frames, matcher)
     points = finder.find(estimate.rig, estimate.matches)
     # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
     known = estimate.rig.covariance is not None

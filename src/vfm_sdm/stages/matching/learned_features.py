@@ -12,10 +12,11 @@ import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.errors import BackendUnavailableError
+from vfm_sdm.inputs.session import Sfm
 from vfm_sdm.inputs.video import Region
 from vfm_sdm.stages.matching.features import to_eight_bit
 
-__all__ = ["MATCHERS", "LearnedMatcher"]
+__all__ = ["MATCHERS", "LearnedMatcher", "superpoint_matcher"]
 
 MATCHERS = {"superglue": "magic-leap-community/superglue_outdoor", "lightglue": "ETH-CVG/lightglue_superpoint"}
 """Published checkpoint of each matcher; both hold SuperPoint, whose licence excludes commercial use."""
@@ -111,6 +112,17 @@ class LearnedMatcher:
         rows = np.flatnonzero(known[0] & (partner >= 0))
         rows = rows[known[1][partner[rows]]]
         return points[0, rows], points[1, partner[rows]]
+
+
+def superpoint_matcher(*, sfm: Sfm) -> LearnedMatcher:
+    """The matcher of ``features = "superpoint"`` with the settings of ``[method.sfm]``: SuperGlue by default.
+
+    Raises
+    ------
+    BackendUnavailableError
+        See `LearnedMatcher`.
+    """
+    return LearnedMatcher(sfm.matcher or "superglue", model=sfm.model)
 
 
 def _load(transformers: Any, matcher: str, model: Path | str | None) -> Any:

@@ -11,7 +11,7 @@ from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
-from vfm_sdm.networks.interface import ChunkNetwork
+from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.correspondence import (
     NOT_FOUND,
     NOT_RETURNED,
@@ -22,7 +22,6 @@ from vfm_sdm.stages.matching.correspondence import (
 )
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
-from vfm_sdm.stages.matching.network import locate_points
 from vfm_sdm.stages.matching.points import named_points
 
 __all__ = ["PointFinder"]
@@ -41,13 +40,13 @@ class PointFinder:
         Names the points.
     frames
         First frame of every view by name, in the session's order.
-    network
-        A network that follows points and says where to look first; ``None`` leaves that to the geometry.
+    matcher
+        What says where to look first; ``None`` leaves that to the geometry.
     """
 
     session: Session
     frames: Mapping[str, LumaArray]
-    network: ChunkNetwork | None = None
+    matcher: PointMatcher | None = None
 
     def find(self, rig: Rig, matches: Sequence[Matches]) -> xr.Dataset:
         """Points dataset of all views.
@@ -66,7 +65,7 @@ class PointFinder:
             named = [p for p in self.session.point if p.view == source]
             if not named:
                 continue
-            given = self._seen_by_network(named, source, target)
+            given = self._suggested(named, source, target)
             given |= {i: np.array(p.pixel_in[target]) for i, p in enumerate(named) if target in p.pixel_in}
             between = _between(matches, views.index(source), views.index(target))
             _enter(points, named, target, self._correspondences(named, rig, between, given=given))
@@ -120,12 +119,12 @@ class PointFinder:
             surface=face,
         )
 
-    def _seen_by_network(self, points: Sequence[Point], source: str, target: str) -> dict[int, FloatArray]:
-        """Places (2,) [px] in the target view where the network sees the points, by index."""
-        if self.network is None or not isinstance(self.frames, FirstFrames):
+    def _suggested(self, points: Sequence[Point], source: str, target: str) -> dict[int, FloatArray]:
+        """Places (2,) [px] in the target view where the matcher sees the points, by index."""
+        if self.matcher is None or not isinstance(self.frames, FirstFrames):
             return {}
         colors = self.frames.colors
-        places = locate_points(self.network, colors[source], colors[target], np.array([p.pixel for p in points]))
+        places = self.matcher.locate(colors[source], colors[target], np.array([p.pixel for p in points]))
         return {i: place for i, place in enumerate(places) if np.isfinite(place).all()}
 
 

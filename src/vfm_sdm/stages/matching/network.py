@@ -3,11 +3,42 @@
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.inputs.session import Network
 from vfm_sdm.inputs.video import Region, RgbArray
 from vfm_sdm.networks.interface import SEEN, ChunkNetwork, RgbFrames
 from vfm_sdm.stages.matching.network_view import network_view
+from vfm_sdm.stages.tracking.vggt import VggtTracker
 
-__all__ = ["locate_points"]
+__all__ = ["VggtMatcher", "locate_points"]
+
+
+class VggtMatcher:
+    """Matcher ``vggt``: the network's tracker takes two views for two frames.
+
+    Parameters
+    ----------
+    network
+        Weights, device and precision.
+
+    Raises
+    ------
+    BackendUnavailableError
+        PyTorch or the weights are not here.
+    """
+
+    name = "vggt"
+
+    def __init__(self, *, network: Network | None = None) -> None:
+        self._tracker = VggtTracker(network=network)
+
+    @property
+    def weights_id(self) -> str:
+        """Which weights the network has."""
+        return self._tracker.weights_id
+
+    def locate(self, first: RgbArray, second: RgbArray, points2d: FloatArray) -> FloatArray:
+        """Where points of one view lie in another, see `locate_points`."""
+        return locate_points(self._tracker.inference, first, second, points2d)
 
 
 def locate_points(

@@ -1,4 +1,4 @@
-"""What a tracker is, and how one is found by name."""
+"""What a tracker is, and how one is found by name; `vfm_sdm.core.parts` lists them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
@@ -6,24 +6,11 @@ from typing import Any, Protocol
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.registry import Backend, find_backend
+from vfm_sdm.core.registry import find, make
 from vfm_sdm.inputs.session import Method
 from vfm_sdm.inputs.video import Video
 
-__all__ = ["TRACKERS", "Tracker", "find_tracker", "tracker_of"]
-
-
-_POLISHED = ("vfm_sdm.stages.tracking.hybrid", "PolishedTracker", ("subset_px", "network"))
-
-TRACKERS = {
-    "icgn": Backend("vfm_sdm.stages.tracking.icgn", "IcgnTracker", ("subset_px",)),
-    "template": Backend("vfm_sdm.stages.tracking.template", "TemplateTracker", ("subset_px",)),
-    "vggt": Backend("vfm_sdm.stages.tracking.vggt", "VggtTracker", ("network",)),
-    "tapir": Backend("vfm_sdm.stages.tracking.tapir", "TapirTracker", ("network",)),
-    "vggt+icgn": Backend(*_POLISHED, {"follower": "vggt"}),
-    "tapir+icgn": Backend(*_POLISHED, {"follower": "tapir"}),
-}
-"""Every tracker by its name."""
+__all__ = ["Tracker", "find_tracker", "tracker_of"]
 
 
 class Tracker(Protocol):
@@ -66,7 +53,7 @@ def tracker_of(method: Method) -> Tracker:
     BackendUnavailableError
         No tracker has this name, or it cannot run here.
     """
-    tracker: Tracker = find_backend(TRACKERS, "tracker", method.tracker).make_for(method)
+    tracker: Tracker = make("trackers", method)
     return tracker
 
 
@@ -78,5 +65,5 @@ def find_tracker(name: str, **options: Any) -> Tracker:
     BackendUnavailableError
         No tracker has this name, or it cannot run here.
     """
-    tracker: Tracker = find_backend(TRACKERS, "tracker", name).make(**options)
+    tracker: Tracker = find("trackers", name).make(**options)
     return tracker

@@ -81,7 +81,7 @@ class NetworkTracker(ABC):
     def __init__(self, *, network: Network | None = None) -> None:
         require_torch(f"tracker {self.name}")
         self.settings = network or Network()
-        self.weights = choose_weights("tracker", self.name, self.settings.weights)
+        self.weights = choose_weights("trackers", self.name, self.settings.weights)
 
     @property
     def weights_id(self) -> str:

@@ -3,11 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from vfm_sdm.core.registry import find_backend
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks.availability import why_unavailable
-from vfm_sdm.stages.cameras.base import ESTIMATORS
-from vfm_sdm.stages.tracking.base import TRACKERS
 
 __all__ = ["MONOCULAR", "OURS", "WITHOUT_SGR", "Comparison", "Method", "comparisons", "why_not"]
 
@@ -102,8 +99,6 @@ def why_not(method: Method) -> str | None:
     if method.cameras == "chessboard":
         return _NO_PICTURES
     try:
-        find_backend(TRACKERS, "tracker", method.tracker)
-        find_backend(ESTIMATORS, "cameras", method.cameras)
+        return why_unavailable("trackers", method.tracker) or why_unavailable("cameras", method.cameras)
     except BackendUnavailableError as error:
         return str(error)
-    return why_unavailable("tracker", method.tracker) or why_unavailable("cameras", method.cameras)

@@ -510,7 +510,7 @@ FAULTS = {
     ),
     "unknown features": (
         {"method": {"sfm": {"features": "orb"}}},
-        r"method.sfm.features: expected 'sift' or 'superpoint', got 'orb'",
+        r"method.sfm.features: expected one of \['sift', 'superpoint'\], got 'orb'; choose one of these",
     ),
     "unknown matcher": (
         {"method": {"sfm": {"features": "superpoint", "matcher": "loftr"}}},

@@ -1,5 +1,6 @@
 import csv
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,8 @@ from vfm_sdm.outputs.results import (
     read_summary,
     summarize_displacement,
     write_displacement,
-    write_mat,
+    write_export,
     write_summary,
-    write_uff,
 )
 from vfm_sdm.signals.spectrum import dominant_frequency
 
@@ -190,8 +190,8 @@ def test_cut_off_file_is_an_error_and_no_result(tmp_path):
     [
         (lambda folder, data: write_tracks(folder, {"left": make_track("left", 9, seed=len(data.time))}), "tracks.nc"),
         (write_displacement, "displacement.csv"),
-        (write_mat, "displacement.mat"),
-        (write_uff, "displacement.uff"),
+        (partial(write_export, "mat"), "displacement.mat"),
+        (partial(write_export, "uff"), "displacement.uff"),
         (lambda folder, data: write_summary(folder, {"frames": len(data.time)}), "summary.json"),
     ],
 )
@@ -258,7 +258,7 @@ def test_csv_that_cannot_be_written(tmp_path):
 
 def test_mat_holds_arrays_names_and_units(tmp_path):
     displacement = make_example()
-    content = loadmat(write_mat(tmp_path, displacement))
+    content = loadmat(write_export("mat", tmp_path, displacement))
     np.testing.assert_array_equal(content["displacement_mm"], displacement["displacement"])
     np.testing.assert_array_equal(content["displacement_std_mm"], displacement["displacement_std"])
     np.testing.assert_array_equal(content["position_m"], displacement["position"])
@@ -326,7 +326,7 @@ def read_uff(path: Path) -> tuple[list[str], list[dict]]:
 
 def test_uff_is_dataset_58_in_metres_with_units(tmp_path):
     displacement = make_example(31)
-    units, functions = read_uff(write_uff(tmp_path, displacement))
+    units, functions = read_uff(write_export("uff", tmp_path, displacement))
     assert units[0].strip() == "164"
     assert (int(units[1][:10]), int(units[1][30:40])) == (1, 2)  # SI, relative temperature
     assert [float(units[2][i : i + 25].replace("D", "E")) for i in (0, 25, 50)] == [1, 1, 1]
@@ -364,7 +364,7 @@ def test_uff_of_uneven_frames_keeps_their_times(tmp_path):
     time_s = displacement["time"].values.copy()
     time_s[20:] += 0.5 / 60
     displacement = displacement.assign_coords(time=("time", time_s, {"units": "s"}))
-    function = read_uff(write_uff(tmp_path, displacement))[1][3]
+    function = read_uff(write_export("uff", tmp_path, displacement))[1][3]
     assert not function["even"]
     np.testing.assert_allclose(function["times"], time_s, rtol=1e-5)
 
@@ -373,16 +373,16 @@ def test_uff_takes_stamps_rounded_by_the_container_for_even(tmp_path):
     displacement = make_example(60)
     rounded = np.round(displacement["time"].values, 3)
     displacement = displacement.assign_coords(time=("time", rounded, {"units": "s"}))
-    assert read_uff(write_uff(tmp_path, displacement))[1][3]["even"]
+    assert read_uff(write_export("uff", tmp_path, displacement))[1][3]["even"]
 
 
 def test_uff_of_one_frame_and_of_nothing(tmp_path):
-    functions = read_uff(write_uff(tmp_path, make_example(1)))[1]
+    functions = read_uff(write_export("uff", tmp_path, make_example(1)))[1]
     assert [f["values"].size for f in functions] == [1] * 6
     empty = make_example(5)
     empty["displacement"][:] = np.nan
     with pytest.raises(ResultsError, match=r"displacement.uff: expected at least one value, got none"):
-        write_uff(tmp_path, empty)
+        write_export("uff", tmp_path, empty)
 
 
 # --- summary ---------------------------------------------------------------------------------------------------------

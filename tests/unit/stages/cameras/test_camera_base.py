@@ -6,11 +6,10 @@ import types
 import numpy as np
 import pytest
 
-from vfm_sdm.core.registry import Backend
+from vfm_sdm.core.parts import BUILT_IN, Part
 from vfm_sdm.errors import BackendUnavailableError, CameraError, DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.inputs.session import Method
-from vfm_sdm.stages.cameras import base
 from vfm_sdm.stages.cameras.base import CameraEstimate, estimator_of, find_estimator
 from vfm_sdm.stages.matching.matches import Matches
 
@@ -37,7 +36,7 @@ class TestFindEstimator:
         module = types.ModuleType("vfm_sdm_test_estimator")
         module.Mine = type("Mine", (), {"__init__": lambda self, **settings: setattr(self, "settings", settings)})
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setitem(base.ESTIMATORS, "mine", Backend(module.__name__, "Mine", ("sfm", "network")))
+        monkeypatch.setitem(BUILT_IN["cameras"], "mine", Part(f"{module.__name__}:Mine", ("sfm", "network")))
         method = Method(cameras="mine", sfm={"features": "superpoint"})
         assert estimator_of(method).settings == {"sfm": method.sfm, "network": method.network}
         assert estimator_of(Method(cameras="two-view")).name == "two-view"
@@ -46,8 +45,8 @@ class TestFindEstimator:
         module = types.ModuleType("vfm_sdm_test_estimator")
         module.Mine = type("Mine", (), {"name": "mine"})
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setitem(base.ESTIMATORS, "mine", Backend(module.__name__, "Mine"))
-        monkeypatch.setitem(base.ESTIMATORS, "broken", Backend("vfm_sdm.no_such_module", "Nothing"))
+        monkeypatch.setitem(BUILT_IN["cameras"], "mine", Part(f"{module.__name__}:Mine"))
+        monkeypatch.setitem(BUILT_IN["cameras"], "broken", Part("vfm_sdm.no_such_module:Nothing"))
         assert find_estimator("mine").name == "mine"
         with pytest.raises(ModuleNotFoundError):
             find_estimator("broken")

@@ -334,14 +334,14 @@ class TestLearnedMatcher:
     def test_without_transformers(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "transformers", None)
         with pytest.raises(BackendUnavailableError, match=r"'superglue': expected torch and transformers, got no"):
-            SfmCameras(sfm=Sfm(features="superpoint"))
+            estimator_of(Method(cameras="sfm", sfm=Sfm(features="superpoint")))
 
     def test_without_a_checkpoint(self, checkpoints, monkeypatch):
         monkeypatch.setitem(learned_features.MATCHERS, "superglue", "nobody/nothing")
         with pytest.raises(
             BackendUnavailableError, match=r"on this machine, got none; download .* as model = '\.\.\.'"
         ):
-            SfmCameras(sfm=Sfm(features="superpoint"))
+            estimator_of(Method(cameras="sfm", sfm=Sfm(features="superpoint")))
 
     def test_without_its_folder(self, checkpoints, tmp_path):
         with pytest.raises(BackendUnavailableError, match=r"expected a folder, got none; download"):

@@ -46,8 +46,8 @@ def test_what_needs_no_weights_can_run(method):
     ("method", "reason"),
     [
         (Method("", cameras="chessboard"), "the field tests hold no pictures of a chessboard"),
-        (Method("", cameras="none such"), "cameras: expected one of .*, got 'none such'; choose one of these"),
-        (Method("", tracker="none such"), "tracker: expected one of .*, got 'none such'; choose one of these"),
+        (Method("", cameras="none such"), "cameras: expected one of .*, got 'none such'; choose one of these, .*"),
+        (Method("", tracker="none such"), "tracker: expected one of .*, got 'none such'; choose one of these, .*"),
         # Only the paper's baseline itself needs no rig.
         (Method("another", tracker="template", cameras=MONOCULAR.cameras), "cameras: expected one of .*"),
         (Method("", tracker="vggt"), ".*(weights fetch vggt-1b`|PyTorch, got none; .*)"),
@@ -60,7 +60,7 @@ def test_what_cannot_run_says_why(method, reason):
 
 
 def test_the_reason_is_that_of_the_back_end(monkeypatch):
-    reasons = {("tracker", "icgn"): "expected weights, got none; install them"}
+    reasons = {("trackers", "icgn"): "expected weights, got none; install them"}
     monkeypatch.setattr(
         "vfm_sdm.studies.protocol.methods.why_unavailable", lambda kind, name: reasons.get((kind, name))
     )
