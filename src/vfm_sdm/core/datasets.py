@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from vfm_sdm.core.arrays import clock_departure
+from vfm_sdm.core.arrays import FloatArray, clock_departure
 from vfm_sdm.errors import DatasetError
 
 __all__ = [
@@ -44,6 +44,7 @@ __all__ = [
     "make_reference",
     "make_tracks",
     "status_variable",
+    "trusted_values",
 ]
 
 PIXEL = ("u", "v")
@@ -397,6 +398,20 @@ def check_reference(reference: xr.Dataset) -> xr.Dataset:
     if missing:
         raise DatasetError(f"reference: expected attributes onset_s and band_hz, missing {missing}; set them")
     return reference
+
+
+def trusted_values(dataset: xr.Dataset, name: str) -> FloatArray:
+    """Values of a variable with one more dim than ``status``, NaN where that is not ok.
+
+    Parameters
+    ----------
+    dataset
+        Tracks or displacement.
+    name
+        The variable, such as ``position`` (time, point, pixel) [px] or ``displacement`` (time, point, axis) [mm].
+    """
+    ok = dataset["status"].values == Status.OK
+    return np.where(ok[..., None], dataset[name].values, np.nan)
 
 
 def convert_units(array: xr.DataArray, units: str) -> xr.DataArray:
