@@ -22,7 +22,7 @@ from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.cameras.two_view import estimate_relative_pose
 from vfm_sdm.stages.matching.matches import Matches
-from vfm_sdm.stages.tracking.track_noise import include_scatter
+from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
 __all__ = ["MOVING", "STATIC", "STILL_S", "VIEWS", "Conditions", "Simulated", "draw_conditions", "measured", "simulate"]
 
@@ -321,7 +321,7 @@ def _tracks(
             np.zeros(position.shape[:2], int),
             attrs={"tracker": "simulated", "view": name, "image_width": SIZE[0], "image_height": SIZE[1]},
         )
-        tracks[name] = include_scatter(made)
+        tracks[name] = include_track_noise(made)
     return tracks
 
 

@@ -12,7 +12,7 @@ from scenes import FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_points, make_tracks
 from vfm_sdm.core.netcdf import read_displacement, read_tracks
-from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError, SessionError
+from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
 from vfm_sdm.inputs.session import Session, open_views, read_session, write_session
@@ -189,7 +189,7 @@ def test_refusals(recording, tmp_path):
     session = read_session(recording)
     with pytest.raises(DatasetError, match="refinement: expected the structure's axes, got none"):
         measure(changed(session, method={**session.method.model_dump(), "refinement": "sgr"}))
-    with pytest.raises(BackendUnavailableError, match="tracker: expected one of"):
+    with pytest.raises(SessionError, match=r"method\.tracker: expected one of .*, got 'icg'; did you mean 'icgn'"):
         measure(changed(session, method={**session.method.model_dump(), "tracker": "icg"}))
     outside = [{"name": "far", "view": "left", "pixel": [4000.0, 10.0]}]
     with pytest.raises(SessionError, match=r"'far' in view 'left': expected inside 360 x 260, got \(4000, 10\)"):

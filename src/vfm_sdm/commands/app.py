@@ -211,7 +211,7 @@ def evaluate(
     for note in result.notes:
         _out.print(f"note: {note}", style="yellow", markup=False, highlight=False)
     _out.print(f"written: {write_evaluation(run, result)}")
-    if not result.rows_with_figures:
+    if not result.scored_rows:
         _fail(f"no figures: {result.notes[-1]}")
 
 

@@ -232,7 +232,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
         previous = row.point
     table.add_section()
     metrics = evaluation.mean_and_std().values()
-    counted = f"{len(evaluation.rows_with_figures)} of {len(evaluation.rows)}"
+    counted = f"{len(evaluation.scored_rows)} of {len(evaluation.rows)}"
     table.add_row("mean", counted, *(_number(mean, "{:.3f}") for mean, _ in metrics))
     table.add_row("std", "", *(_number(std, "{:.3f}") for _, std in metrics))
     return table

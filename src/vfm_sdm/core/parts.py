@@ -183,7 +183,7 @@ _ON_A_DEVICE = ("network.weights", "network.device", "network.precision")
 
 def _polished(follower: str) -> Part:
     parts: tuple[tuple[Kind, str], ...] = (("trackers", follower), ("trackers", "icgn"))
-    return Part(_STAGES + "tracking.hybrid:PolishedTracker", fixed={"follower": follower}, made_of=parts)
+    return Part(_STAGES + "tracking.hybrid:HybridTracker", fixed={"follower": follower}, made_of=parts)
 
 
 _TRACKERS = {

@@ -1,4 +1,4 @@
-"""Some views of a rig, with another one as the reference."""
+"""A rig made of some views of another one, with another view as the reference."""
 
 from collections.abc import Sequence
 
@@ -10,14 +10,20 @@ __all__ = ["select_views"]
 
 
 def select_views(rig: Rig, names: Sequence[str]) -> Rig:
-    """The named views of a rig, the first of them the reference, with the covariance carried over.
+    """The named views of a rig, the first of them the reference view, with the covariance carried over.
 
     Parameters
     ----------
     rig
-        Its poses may be given in any frame.
+        V cameras; their poses may be given in any frame.
     names
         Views to keep, in the new order.
+
+    Returns
+    -------
+    rig
+        The W named cameras; its covariance has the shape (10 W, 10 W) and the units of
+        `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, lengths in those of ``rig``.
 
     Raises
     ------
@@ -28,6 +34,15 @@ def select_views(rig: Rig, names: Sequence[str]) -> Rig:
     -----
     With the new reference f, ``R' = R Rf^T`` and ``t' = t - R' tf``. The covariance goes through the derivative of
     these at zero rotation vectors; the new reference has no uncertainty of pose.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+    >>> right = Camera(left.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> swapped = select_views(Rig(("left", "right"), (left, right)), ["right", "left"])
+    >>> swapped.names, swapped.cameras[1].center.tolist()
+    (('right', 'left'), [-2.0, 0.0, 0.0])
     """
     moved = Rig.from_world(names, [rig.camera(name) for name in names], metric=rig.metric)
     if rig.covariance is None:

@@ -5,7 +5,8 @@ import numpy.typing as npt
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.geometry.camera import Camera, Rig, distort_derivative
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.geometry.distortion import distort_derivative
 
 __all__ = [
     "compute_reprojection_error",

@@ -14,7 +14,7 @@ from vfm_sdm.networks.checkpoints import Checkpoint
 __all__ = ["Progress", "download"]
 
 Progress = Callable[[int, int | None], None]
-"""Called with the bytes that are here and those of the whole file."""
+"""Called with the bytes that have arrived and those of the whole file."""
 
 _BLOCK_BYTES = 1 << 20
 _TIMEOUT_S = 30.0
@@ -23,16 +23,16 @@ _TIMEOUT_S = 30.0
 def download(
     checkpoint: Checkpoint, folder: Path, *, token: str | None = None, progress: Progress | None = None
 ) -> Path:
-    """The checkpoint's file in a folder that exists.
+    """Path of the checkpoint's file, after its download into a folder that exists.
 
     Parameters
     ----------
     checkpoint
         What to download.
     folder
-        Where to; what a failure leaves there is the caller's to remove.
+        Folder for the file; what a failure leaves there is the caller's to remove.
     token
-        Of Hugging Face; without one the stored login or ``HF_TOKEN`` is used.
+        Token of Hugging Face; without one the stored login or ``HF_TOKEN`` is used.
     progress
         Called as bytes arrive.
 

@@ -24,14 +24,19 @@ def band_pass(values: npt.ArrayLike, rate_hz: float, band_hz: tuple[float, float
     Parameters
     ----------
     values
-        Shape (T, ...), evenly sampled along the first axis. NaN splits a series: each unbroken run is filtered on its
-        own, and a run shorter than `shortest_band_pass_s` becomes NaN.
+        Any unit, shape (T, ...), evenly sampled along the first axis. NaN splits a series: each unbroken run is
+        filtered on its own, and a run shorter than `shortest_band_pass_s` becomes NaN.
     rate_hz
         Samples a second [Hz].
     band_hz
         Lower and upper edge [Hz], below half the sampling rate.
     order
         Order of each edge of the Butterworth filter.
+
+    Returns
+    -------
+    filtered
+        Shape (T, ...), in the unit of the values.
 
     Raises
     ------
@@ -44,6 +49,19 @@ def band_pass(values: npt.ArrayLike, rate_hz: float, band_hz: tuple[float, float
     edges are therefore at half the amplitude (-6 dB), and each falls off as order ``2 order`` would. The response
     differs from 1 by less than 0.5 % between about 1.6 and 6.2 Hz for a band of 1 to 10 Hz. Both ends ring for about a
     period of the lower edge.
+
+    References
+    ----------
+    .. [1] Gustafsson, F. (1996). Determining the initial states in forward-backward filtering. IEEE Transactions on
+       Signal Processing 44(4), 988-992.
+
+    Examples
+    --------
+    >>> time_s = np.arange(600) / 60
+    >>> slow, fast = np.sin(2 * np.pi * 0.1 * time_s), np.sin(2 * np.pi * 4 * time_s)
+    >>> kept = band_pass(slow + fast, 60, (1.0, 10.0))
+    >>> bool(np.abs(kept - fast)[120:-120].max() < 0.01)
+    True
     """
     _check_band(rate_hz, band_hz, order)
     series = as_float_array(values, "values", (-1,))
@@ -63,7 +81,24 @@ def band_pass(values: npt.ArrayLike, rate_hz: float, band_hz: tuple[float, float
 def shortest_band_pass_s(rate_hz: float, band_hz: tuple[float, float], *, order: int = 4) -> float:
     """How long an unbroken series must be for `band_pass` [s]: two periods of its lower edge, or the filter's start.
 
-    Arguments and errors are those of `band_pass`.
+    Parameters
+    ----------
+    rate_hz
+        Samples a second [Hz].
+    band_hz
+        Lower and upper edge [Hz], below half the sampling rate.
+    order
+        Order of each edge of the Butterworth filter.
+
+    Raises
+    ------
+    DatasetError
+        The band is empty, does not fit the sampling rate, or the order is not positive.
+
+    Examples
+    --------
+    >>> shortest_band_pass_s(60, (1.0, 10.0))
+    2.0
     """
     _check_band(rate_hz, band_hz, order)
     start = 3 * (2 * order + 1) + 1
@@ -76,16 +111,35 @@ def hampel(values: FloatArray, width: int, *, threshold: float = 3.5) -> tuple[F
     Parameters
     ----------
     values
-        Shape (T, ...), each series along the first axis for itself.
+        Any unit, shape (T, ...); each series along the first axis is filtered by itself.
     width
-        Samples in the window, odd; near an end it is the first or the last full window.
+        Samples in the window, an odd number; near an end, the window is the first or the last full one.
     threshold
-        In scaled median absolute deviations of the window (x 1.4826).
+        Distance from the median above which a sample is an outlier, in scaled median absolute deviations (x 1.4826) of
+        the window [1].
+
+    Returns
+    -------
+    filtered
+        The values with outliers replaced, shape (T, ...).
+    replaced
+        Which samples were, shape (T, ...).
 
     Raises
     ------
     DatasetError
         The window is even, or longer than the signal.
+
+    References
+    ----------
+    .. [1] Hampel, F. R. (1974). The influence curve and its role in robust estimation. Journal of the American
+       Statistical Association 69(346), 383-393.
+
+    Examples
+    --------
+    >>> filtered, replaced = hampel(np.array([1.0, 1.1, 0.9, 25.0, 1.0, 1.1, 0.9]), 5)
+    >>> filtered.tolist(), int(replaced.sum())
+    ([1.0, 1.1, 0.9, 1.1, 1.0, 1.1, 0.9], 1)
     """
     if width % 2 == 0 or not 0 < width <= len(values):
         raise DatasetError(f"width: expected an odd number up to {len(values)} samples, got {width}; correct it")

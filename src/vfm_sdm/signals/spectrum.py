@@ -49,6 +49,18 @@ def dominant_frequency(time_s: npt.ArrayLike, values: npt.ArrayLike) -> float | 
     exceeds the mean by more than ``ln(M / p)`` with probability ``p``. The mean is taken around each line, over two
     octaves, so that slow drift hides no vibration and is not taken for one; and from the median, which an oscillation
     does not raise.
+
+    References
+    ----------
+    .. [1] Harris, F. J. (1978). On the use of windows for harmonic analysis with the discrete Fourier transform.
+       Proceedings of the IEEE 66(1), 51-83.
+
+    Examples
+    --------
+    >>> time_s = np.arange(300) / 30
+    >>> frequency_hz = dominant_frequency(time_s, 0.5 * np.sin(2 * np.pi * 3.2 * time_s))
+    >>> round(frequency_hz, 2)
+    3.2
     """
     clock, series = as_float_array(time_s, "time_s", (None,)), as_float_array(values, "values", (None,))
     if clock.shape != series.shape or np.any(np.diff(clock) <= 0):

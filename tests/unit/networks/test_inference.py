@@ -11,7 +11,7 @@ from small_networks import small_tapir, small_vggt, tapir_on_cpu, vggt_on_cpu  #
 from vfm_sdm.errors import BackendUnavailableError, DatasetError  # noqa: E402
 from vfm_sdm.networks.device import Placement, choose_placement  # noqa: E402
 from vfm_sdm.networks.tapir import inference as tapir_inference  # noqa: E402
-from vfm_sdm.networks.tapir.inference import TapirInference, config_of  # noqa: E402
+from vfm_sdm.networks.tapir.inference import TapirInference, choose_config  # noqa: E402
 from vfm_sdm.networks.vggt import inference as vggt_inference  # noqa: E402
 from vfm_sdm.networks.vggt.inference import VggtInference  # noqa: E402
 
@@ -140,7 +140,7 @@ def test_devices_that_are_not_here_are_refused():
     [("bootstapir.pt", False, 1), ("causal_bootstapir_checkpoint.pt", True, 1), ("tapir-panning.pt", False, 0)],
 )
 def test_the_name_of_the_weights_tells_the_network(name, causal, level):
-    config = config_of(f"/some/folder/{name}")
+    config = choose_config(f"/some/folder/{name}")
     assert (config.causal, config.pyramid_level) == (causal, level)
 
 

@@ -1,4 +1,4 @@
-"""What an evaluation yields, and its file."""
+"""Records of an evaluation, and its file."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,11 +26,11 @@ class EvaluationRow:
     Parameters
     ----------
     point, axis
-        Of the measurement.
+        Names in the measurement.
     score
-        All figures; NaN where they could not be computed (`Evaluation.notes` say why).
+        All metrics; NaN where they could not be computed (`Evaluation.notes` say why).
     estimate_peak_to_peak_mm, reference_peak_to_peak_mm
-        In the band of the comparison [mm].
+        Peak-to-peak amplitudes in the band of the comparison [mm].
     rms_error_mm
         Root mean square difference, after the offset was removed if it was [mm].
     """
@@ -45,12 +45,12 @@ class EvaluationRow:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What `evaluate` yields.
+    """Result of `evaluate`.
 
     Parameters
     ----------
     rows
-        One a compared point and axis.
+        One row for each compared point and axis.
     synchronization
         Lag of the reference's clock, where it was estimated; ``None`` where it was known.
     band_hz
@@ -58,7 +58,7 @@ class Evaluation:
     reference_name
         What the measurement was compared with.
     notes
-        What a reader must know: why figures are missing, what was left out.
+        Sentences that a reader must know: why metrics are missing, what was left out.
     """
 
     rows: tuple[EvaluationRow, ...]
@@ -70,10 +70,15 @@ class Evaluation:
     def row(self, point: str, axis: str) -> EvaluationRow:
         """The row of a point and axis.
 
+        Parameters
+        ----------
+        point, axis
+            Names in the measurement.
+
         Raises
         ------
         DatasetError
-            There is none.
+            There is no such row.
         """
         for row in self.rows:
             if (row.point, row.axis) == (point, axis):
@@ -82,8 +87,8 @@ class Evaluation:
         raise DatasetError(f"row: expected one of {known}, got {(point, axis)}; see the notes for what was left out")
 
     @property
-    def rows_with_figures(self) -> tuple[EvaluationRow, ...]:
-        """Rows for which the reference and enough samples were there."""
+    def scored_rows(self) -> tuple[EvaluationRow, ...]:
+        """Rows with metrics, because the reference and enough samples were there."""
         return tuple(row for row in self.rows if np.isfinite(row.score.nrmse_range))
 
     def mean_and_std(self) -> dict[str, tuple[float, float]]:
@@ -92,7 +97,7 @@ class Evaluation:
         Notes
         -----
         The standard deviation is that of the rows themselves (divided by their number): the paper's tables agree with
-        it in two of three columns. Rows without figures do not count; compare the length of `rows_with_figures`.
+        it in two of three columns. Rows without metrics do not count; compare the length of `scored_rows`.
         """
         result = {}
         for name in _PAPER_METRICS:
@@ -105,21 +110,35 @@ class Evaluation:
 def write_evaluation(folder: Path | str, evaluation: Evaluation) -> Path:
     """Writes ``evaluation.json``, with null for what is not known; returns its path.
 
+    Parameters
+    ----------
+    folder
+        Folder of the file.
+    evaluation
+        Metrics of all rows; lengths in mm, times in seconds.
+
     Raises
     ------
     ResultsError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     print(write_evaluation(folder, Evaluation((), None, None, "truth")).name)
+    evaluation.json
     """
     lag = evaluation.synchronization
-    figures = {
+    contents = {
         "reference": evaluation.reference_name,
         "band_hz": evaluation.band_hz,
         "synchronization": None if lag is None else {**asdict(lag), "offset_s": lag.offset_s},
         "nominal_coverage": NOMINAL_COVERAGE,
         "rows": [asdict(row) for row in evaluation.rows],
-        "rows_with_figures": len(evaluation.rows_with_figures),
+        "rows_with_figures": len(evaluation.scored_rows),
         "mean": {name: mean for name, (mean, _) in evaluation.mean_and_std().items()},
         "std": {name: std for name, (_, std) in evaluation.mean_and_std().items()},
         "notes": evaluation.notes,
     }
-    return write_json(Path(folder) / "evaluation.json", figures, label="evaluation")
+    return write_json(Path(folder) / "evaluation.json", contents, label="evaluation")

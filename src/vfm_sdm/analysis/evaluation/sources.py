@@ -1,4 +1,4 @@
-"""From files to an evaluation: sensors' recordings of any kind, and the run folder of a measurement."""
+"""Evaluation of files: recordings of sensors of any kind, and the run folder of a measurement."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,7 +28,7 @@ def read_sensors(
     sampling_rate_hz: float | None = None,
     settings: RecipeSettings | None = None,
 ) -> xr.Dataset:
-    """Reference dataset [mm] of one CSV file a sensor, all on one clock.
+    r"""Reference dataset of several sensors that share a clock, from one CSV file each.
 
     Parameters
     ----------
@@ -37,16 +37,31 @@ def read_sensors(
     sensors
         Name of the sensor in each file; the files' names when left out.
     columns, units, sampling_rate_hz
-        Of all files, see `vfm_sdm.inputs.sensors.sensor_csv.read_acceleration`; ``g`` and ``m/s2`` are accelerations,
-        which go through `vfm_sdm.inputs.sensors.accelerometer.compute_reference`, ``mm`` and ``m`` are displacements
-        and stay as recorded.
+        Columns, units and sampling rate [Hz] of all files, see `vfm_sdm.inputs.sensors.sensor_csv.read_acceleration`;
+        ``g`` and ``m/s2`` are accelerations, which go through `vfm_sdm.inputs.sensors.accelerometer.compute_reference`,
+        ``mm`` and ``m`` are displacements and stay as recorded.
     settings
-        Of the recipe for accelerations.
+        Constants of the recipe for accelerations.
+
+    Returns
+    -------
+    reference
+        Displacement of the S sensors, shape (T, S, A) [mm].
 
     Raises
     ------
     DatasetError
         A file is not as described; the files do not share a clock or axes; there is not one name a file.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder, "gauge.csv")
+    ...     _ = file.write_text("time,vertical\n0.0,1.5\n0.1,1.0\n0.2,1.25\n")
+    ...     reference = read_sensors([file], units="mm")
+    >>> reference["displacement"].values.ravel().tolist()
+    [1.5, 1.0, 1.25]
     """
     if sensors and len(sensors) != len(paths):
         raise DatasetError(f"sensors: expected one name a file, got {len(sensors)} for {len(paths)}; name all or none")
@@ -82,22 +97,27 @@ def evaluate_run(
         ``truth.nc`` or another ``displacement.nc``; a file of `write_reference`; or a CSV file that the session names.
         The CSV file is found by its name, so that it may have been moved since.
     pairs
-        See `evaluate`; those of the session when left out.
+        Sensor or reference point of each point, see `evaluate`; the pairs of the session when left out.
     axes, band_hz, synchronize, search_s, start_lag_s
-        See `evaluate`.
+        See `evaluate`; band [Hz] and times [s].
+
+    Returns
+    -------
+    evaluation
+        One row of metrics for every compared point and axis; lengths in mm.
 
     Raises
     ------
     ResultsError, SessionError, DatasetError
-        A file is missing or is not what it should be; nothing can be paired; or as `evaluate`.
+        A file is missing or is not what it should be; nothing can be paired; or `evaluate` refuses the data.
     """
     displacement = read_displacement(folder)
     session_file = Path(folder) / "session.resolved.toml"
     session = read_session(session_file, check_files=False) if session_file.is_file() else None
     is_csv = Path(reference).suffix.lower() == ".csv"
-    known = _read_named(session, Path(reference)) if is_csv else read_comparison(reference)
+    known = _read_session_sensor(session, Path(reference)) if is_csv else read_comparison(reference)
     if pairs is None and session is not None:
-        pairs = _session_pairs(session, displacement, known)
+        pairs = _read_session_pairs(session, displacement, known)
     return evaluate(
         displacement,
         known,
@@ -110,7 +130,7 @@ def evaluate_run(
     )
 
 
-def _read_named(session: Session | None, path: Path) -> xr.Dataset:
+def _read_session_sensor(session: Session | None, path: Path) -> xr.Dataset:
     """Reference dataset of a sensor's CSV file as the session describes it."""
     sensors = () if session is None else session.sensor
     named = [sensor for sensor in sensors if sensor.file.name == path.name]
@@ -130,7 +150,7 @@ def _read_named(session: Session | None, path: Path) -> xr.Dataset:
     )
 
 
-def _session_pairs(session: Session, displacement: xr.Dataset, known: xr.Dataset) -> dict[str, str]:
+def _read_session_pairs(session: Session, displacement: xr.Dataset, known: xr.Dataset) -> dict[str, str]:
     """What sits where: sensors at the points of the measurement that move, else points of the same name."""
     moving = [p.name for p in session.point if not p.static and p.name in displacement["point"].values]
     if "sensor" not in known.dims:

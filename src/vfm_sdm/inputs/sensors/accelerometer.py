@@ -1,8 +1,9 @@
-"""Acceleration to reference displacement, as in the paper (section Implementation details), a function a step.
+"""From a sensor's acceleration to its displacement, as in the paper (section Implementation details).
 
-Acceleration arrives in m/s2 (`vfm_sdm.inputs.sensors.sensor_csv.read_acceleration` converts it from g). The order of
-the steps and the defaults are the paper's; what it leaves open (how an onset is told from noise, what happens at the
-ends) is decided here and said where it is done.
+Every step is a function of its own. Acceleration arrives in m/s2
+(`vfm_sdm.inputs.sensors.sensor_csv.read_acceleration` converts it from g). The order of the steps and the defaults are
+the paper's; what it leaves open (how an onset is told from noise, what happens at the ends) is decided here and said
+where it is done.
 """
 
 from dataclasses import dataclass
@@ -46,7 +47,7 @@ class RecipeSettings:
     onset_window_s
         Window of the rolling standard deviation [s].
     onset_threshold
-        How many times its level in the quiet start it must exceed [1].
+        How many times its level in the quiet start the standard deviation must exceed [1].
     onset_floor_m_s2
         Least standard deviation that counts as motion [m/s2], lest rounding counts as motion after a start without
         any noise.
@@ -57,12 +58,13 @@ class RecipeSettings:
     hampel_window_s, hampel_threshold
         Window [s], and threshold in scaled median absolute deviations (x 1.4826) [1].
     band_hz, filter_order
-        Of the Butterworth band-pass, which runs forwards and backwards (`vfm_sdm.signals.filters.band_pass`).
+        Edges [Hz] and order of the Butterworth band-pass, which runs forwards and backwards
+        (`vfm_sdm.signals.filters.band_pass`).
     integration
         ``trapezoid`` as in the paper, or ``spline``, which keeps the amplitude where the trapezoid does not
         (`amplitude_response`).
     rate_hz
-        Of the reference displacement [Hz].
+        Sampling rate of the displacement [Hz].
 
     Raises
     ------
@@ -103,22 +105,23 @@ class RecipeSettings:
 
 
 def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None = None) -> xr.Dataset:
-    """Reference displacement [mm] from acceleration [m/s2].
+    """Displacement of reference sensors [mm] from their acceleration [m/s2].
 
     Parameters
     ----------
     acceleration
-        Acceleration dataset (`vfm_sdm.core.datasets.make_acceleration`), gravity and bias included, in any number of
-        axes.
+        Acceleration dataset (`vfm_sdm.core.datasets.make_acceleration`), shape (T, S, A) for S sensors and any number A
+        of axes [m/s2], gravity and bias included.
     settings
-        The paper's when left out.
+        Constants of the recipe; those of the paper when left out.
 
     Returns
     -------
     reference
-        Reference dataset at ``t0 + i / settings.rate_hz`` over the whole recording, t0 its first sample; NaN before
-        the onset. ``outliers`` counts the samples that the Hampel filter replaced, by sensor and axis. Attributes
-        ``onset_s``, and ``onset_status``: ``detected``, ``given``, or ``not detected: whole recording used``.
+        Reference dataset, shape (T', S, A) [mm], at ``t0 + i / settings.rate_hz`` over the whole recording, with t0 its
+        first sample; NaN before the onset. ``outliers`` counts the samples that the Hampel filter replaced, by sensor
+        and axis. Attributes ``onset_s``, and ``onset_status``: ``detected``, ``given``, or ``not detected: whole
+        recording used``.
 
     Raises
     ------
@@ -135,18 +138,31 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
 
     When no onset is found the whole recording counts, because a structure that moves from the first sample on has
     none; whether it moved at all is for the reader of ``onset_status`` to judge.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_acceleration
+    >>> time_s = np.arange(2000) / 100
+    >>> vibration = -4e-3 * (2 * np.pi * 2) ** 2 * np.sin(2 * np.pi * 2 * time_s)
+    >>> recorded = make_acceleration(time_s, ["midspan"], ["vertical"], vibration[:, None, None], sampling_rate_hz=100)
+    >>> displacement = compute_reference(recorded)["displacement"].values[:, 0, 0]
+    >>> print(f"{np.ptp(displacement[270:330]) / 2:.1f} mm")
+    4.1 mm
     """
     settings = RecipeSettings() if settings is None else settings
-    values, time_s, rate_hz = _checked(acceleration, settings)
+    values, time_s, rate_hz = _check_recording(acceleration, settings)
     first, status = _segment_start(values, time_s, rate_hz, settings)
     segment, clock = values[first:], time_s[first:]
     shortest = shortest_band_pass_s(rate_hz, settings.band_hz, order=settings.filter_order)
-    if len(segment) < shortest * rate_hz or len(segment) < _odd(settings.hampel_window_s * rate_hz):
+    window = _round_to_odd(settings.hampel_window_s * rate_hz)
+    if len(segment) < max(shortest * rate_hz, window):
         raise DatasetError(
             f"acceleration: expected at least {max(shortest, settings.hampel_window_s):.2f} s from the onset on, got "
             f"{len(segment) / rate_hz:.2f} s after {clock[0]:.2f} s; record longer or set onset_s"
         )
-    segment, replaced = hampel(segment, _odd(settings.hampel_window_s * rate_hz), threshold=settings.hampel_threshold)
+    segment, replaced = hampel(
+        segment, _round_to_odd(settings.hampel_window_s * rate_hz), threshold=settings.hampel_threshold
+    )
     segment = segment - segment.mean(axis=0)
     segment = band_pass(segment, rate_hz, settings.band_hz, order=settings.filter_order)
     velocity = signal.detrend(integrate(segment, rate_hz, rule=settings.integration), axis=0, type="linear")
@@ -178,11 +194,11 @@ def detect_onset(acceleration: FloatArray, rate_hz: float, settings: RecipeSetti
     Parameters
     ----------
     acceleration
-        One sensor, shape (T, A) [m/s2].
+        Acceleration of one sensor in A axes, shape (T, A) [m/s2].
     rate_hz
         Samples a second [Hz].
     settings
-        Window, threshold, floor and quiet start.
+        Their window, threshold, floor and quiet start are used.
 
     Raises
     ------
@@ -196,6 +212,14 @@ def detect_onset(acceleration: FloatArray, rate_hz: float, settings: RecipeSetti
     begins with the first window whose standard deviation exceeds the threshold times that level, if it stays above for
     more than two windows: an impulse, which the next step of the recipe removes, lifts it for one. The index is where
     that window begins, so that the segment starts at rest, at most a window before the motion.
+
+    Examples
+    --------
+    >>> time_s = np.arange(1000) / 100
+    >>> motion = np.where(time_s > 5, np.sin(2 * np.pi * 3 * time_s), 1e-4 * np.cos(60 * time_s))
+    >>> onset = detect_onset(motion[:, None], 100.0, RecipeSettings())
+    >>> bool(4.5 <= time_s[onset] <= 5)
+    True
     """
     window = max(round(settings.onset_window_s * rate_hz), 2)
     if len(acceleration) < window:
@@ -217,11 +241,22 @@ def integrate(values: FloatArray, rate_hz: float, *, rule: Integration = "trapez
     Parameters
     ----------
     values
-        Shape (T, ...).
+        Series [u], shape (T, ...).
     rate_hz
         Samples a second [Hz].
     rule
         ``trapezoid``: straight lines between the samples; ``spline``: a cubic spline through them.
+
+    Returns
+    -------
+    integral
+        Shape (T, ...) [u s].
+
+    Examples
+    --------
+    >>> velocity_mm_s = np.array([0.0, 2.0, 4.0])
+    >>> integrate(velocity_mm_s, 2.0).tolist()
+    [0.0, 0.5, 2.0]
     """
     if rule == "trapezoid":
         return np.asarray(cumulative_trapezoid(values, dx=1 / rate_hz, axis=0, initial=0))
@@ -235,9 +270,20 @@ def resample(values: FloatArray, time_s: FloatArray, grid_s: FloatArray) -> Floa
     Parameters
     ----------
     values
-        Shape (T, ...), band-limited to a quarter of its sampling rate at most.
+        Series of any unit, shape (T, ...), band-limited to a quarter of its sampling rate at most.
     time_s, grid_s
         Times of the values and wanted times, shapes (T,) and (N,) [s].
+
+    Returns
+    -------
+    resampled
+        Shape (N, ...), in the unit of the values.
+
+    Examples
+    --------
+    >>> time_s = np.arange(5) / 10
+    >>> resample(time_s**2, time_s, np.array([0.15, 0.9])).round(4).tolist()
+    [0.0225, nan]
     """
     slack = 1e-6 * float(time_s[1] - time_s[0])  # a time of the grid may miss the first or last sample by rounding
     inside = (grid_s >= time_s[0] - slack) & (grid_s <= time_s[-1] + slack)
@@ -247,16 +293,21 @@ def resample(values: FloatArray, time_s: FloatArray, grid_s: FloatArray) -> Floa
 
 
 def amplitude_response(frequency_hz: FloatArray, sampling_rate_hz: float, settings: RecipeSettings) -> FloatArray:
-    """What the recipe makes of the amplitude of a steady vibration, in closed form; 1 is right [1].
+    """Amplitude that the recipe gives for a steady vibration over the true one, in closed form [1].
 
     Parameters
     ----------
     frequency_hz
-        Above 0 and below half the sampling rate, any shape [Hz].
+        Frequencies above 0 and below half the sampling rate, shape (...) [Hz].
     sampling_rate_hz
-        Of the accelerometer [Hz].
+        Sampling rate of the accelerometer [Hz].
     settings
-        Band, order and rule of integration.
+        Their band, filter order and rule of integration are used.
+
+    Returns
+    -------
+    response
+        Shape (...) [1]; 1 where the recipe keeps the amplitude.
 
     Notes
     -----
@@ -264,6 +315,11 @@ def amplitude_response(frequency_hz: FloatArray, sampling_rate_hz: float, settin
     trapezoid, with w the phase between two samples: at 64 Hz the displacement comes out 1.4 % too small at 3 Hz, 4.0 %
     at 5 Hz and 16 % at 10 Hz. For the spline it is the integral of a cubic B-spline from sample to sample over its
     values at the samples. Resampling is not included.
+
+    Examples
+    --------
+    >>> amplitude_response(np.array([3.0, 5.0]), 64.0, RecipeSettings()).round(3).tolist()
+    [0.986, 0.96]
     """
     frequency = np.asarray(frequency_hz, np.float64)
     sections = signal.butter(settings.filter_order, settings.band_hz, "bandpass", fs=sampling_rate_hz, output="sos")
@@ -275,7 +331,7 @@ def amplitude_response(frequency_hz: FloatArray, sampling_rate_hz: float, settin
     return np.asarray(np.abs(response).reshape(w.shape) ** 2 * (once * (w / 2) / np.sin(w / 2)) ** 2)
 
 
-def _checked(acceleration: xr.Dataset, settings: RecipeSettings) -> tuple[FloatArray, FloatArray, float]:
+def _check_recording(acceleration: xr.Dataset, settings: RecipeSettings) -> tuple[FloatArray, FloatArray, float]:
     """Values, clock and sampling rate, fit for the recipe."""
     check_acceleration(acceleration)
     values, time_s = acceleration["acceleration"].values, acceleration["time"].values
@@ -308,6 +364,6 @@ def _segment_start(values: FloatArray, time_s: FloatArray, rate_hz: float, setti
     return (min(found), "detected") if found else (0, "not detected: whole recording used")
 
 
-def _odd(samples: float) -> int:
+def _round_to_odd(samples: float) -> int:
     """The odd number of samples that is centred on one and nearest to the wanted length."""
     return 2 * round((samples - 1) / 2) + 1

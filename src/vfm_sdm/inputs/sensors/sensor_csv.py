@@ -36,24 +36,29 @@ def read_acceleration(
     sampling_rate_hz: float | None = None,
     start: datetime | None = None,
 ) -> xr.Dataset:
-    """Acceleration dataset [m/s2] of one sensor's file.
+    r"""Acceleration dataset [m/s2] of one sensor's file.
 
     Parameters
     ----------
     path
         CSV file.
     sensor
-        Name of the sensor; that of the file when left out.
+        Name of the sensor; the name of the file without its suffix when left out.
     columns
-        Column of the file for each axis recorded, and for ``time`` if there is one. A leading ``-`` reverses the
-        sign, unless a column of just that name exists. Left out: ``lateral``, ``vertical`` and ``longitudinal``, and
-        ``time`` where present.
+        Column of the file for each of the A axes recorded, and for ``time`` if there is one. A leading ``-`` reverses
+        the sign, unless a column of just that name exists. Left out: ``lateral``, ``vertical`` and ``longitudinal``,
+        and ``time`` where present.
     units
-        Of the file, ``g`` or ``m/s2``.
+        Units of the file, ``g`` or ``m/s2``.
     sampling_rate_hz
         Samples a second; needed without a time column, and must agree with one [Hz].
     start
         When the first sample was taken; becomes attribute ``start_utc``.
+
+    Returns
+    -------
+    acceleration
+        Acceleration dataset, shape (T, 1, A) [m/s2].
 
     Raises
     ------
@@ -63,14 +68,29 @@ def read_acceleration(
 
     Notes
     -----
-    Time stamps are usually rounded, so the dataset's clock is ``t0 + i / rate`` with the rate of the first and the last
-    stamp. A sample more or less in between is an error.
+    Time stamps are usually rounded, so the dataset's clock is ``t0 + i / rate``, with the rate that the first and the
+    last stamp give. A sample more or less in between is an error.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder, "midspan.csv")
+    ...     _ = file.write_text("time,z\n0.00,0.5\n0.01,0.25\n0.02,0.0\n")
+    ...     recorded = read_acceleration(file, columns={"vertical": "-z"})
+    >>> recorded["acceleration"].values.ravel().round(3).tolist()
+    [-4.903, -2.452, -0.0]
     """
     columns = {axis: axis for axis in STRUCTURE_AXES} if columns is None else columns
-    time_s, rate_hz, axes, values = _read(path, columns, sampling_rate_hz, gaps=False)
+    time_s, rate_hz, axes, values = _read_columns(path, columns, sampling_rate_hz, gaps=False)
     signal = convert_units(xr.DataArray(values, dims=("time", "axis"), attrs={"units": units}), "m/s2")
     return make_acceleration(
-        time_s, [_name(path, sensor)], axes, signal.values[:, None], sampling_rate_hz=rate_hz, attrs=_attrs(path, start)
+        time_s,
+        [_name_sensor(path, sensor)],
+        axes,
+        signal.values[:, None],
+        sampling_rate_hz=rate_hz,
+        attrs=_make_attrs(path, start),
     )
 
 
@@ -83,37 +103,63 @@ def read_reference(
     sampling_rate_hz: float | None = None,
     start: datetime | None = None,
 ) -> xr.Dataset:
-    """Reference dataset [mm] of a displacement sensor's file, as it was recorded.
-
-    Arguments and errors are those of `read_acceleration`, but for what follows.
+    r"""Reference dataset [mm] of a displacement sensor's file, as it was recorded.
 
     Parameters
     ----------
+    path
+        CSV file.
+    sensor
+        Name of the sensor; the name of the file without its suffix when left out.
     columns
-        Left out: those of ``lateral``, ``vertical`` and ``longitudinal`` that the file has.
+        Column of the file for each of the A axes recorded, and for ``time`` if there is one, as in `read_acceleration`.
+        Left out: those of ``lateral``, ``vertical`` and ``longitudinal`` that the file has, and ``time`` where present.
     units
-        Of the file, ``mm`` or ``m``.
+        Units of the file, ``mm`` or ``m``.
+    sampling_rate_hz
+        Samples a second; needed without a time column, and must agree with one [Hz].
+    start
+        When the first sample was taken; becomes attribute ``start_utc``.
+
+    Returns
+    -------
+    reference
+        Reference dataset, shape (T, 1, A) [mm].
+
+    Raises
+    ------
+    DatasetError
+        As in `read_acceleration`.
 
     Notes
     -----
     An empty cell is a sample without a value (NaN). Nothing is filtered: ``onset_s`` is the first sample, ``band_hz``
     ends at half the sampling rate.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder, "gauge.csv")
+    ...     _ = file.write_text("time,vertical\n0.0,1.5\n0.1,\n0.2,1.25\n")
+    ...     print(read_reference(file)["displacement"].values.ravel().tolist())
+    [1.5, nan, 1.25]
     """
-    time_s, rate_hz, axes, values = _read(path, columns, sampling_rate_hz, gaps=True)
+    time_s, rate_hz, axes, values = _read_columns(path, columns, sampling_rate_hz, gaps=True)
     signal = convert_units(xr.DataArray(values, dims=("time", "axis"), attrs={"units": units}), "mm")
     return make_reference(
         time_s,
-        [_name(path, sensor)],
+        [_name_sensor(path, sensor)],
         axes,
         signal.values[:, None],
         sampling_rate_hz=rate_hz,
         onset_s=float(time_s[0]),
         band_hz=(0.0, rate_hz / 2),
-        attrs=_attrs(path, start),
+        attrs=_make_attrs(path, start),
     )
 
 
-def _read(
+def _read_columns(
     path: Path | str, columns: Mapping[str, str] | None, sampling_rate_hz: float | None, *, gaps: bool
 ) -> tuple[FloatArray, float, list[str], FloatArray]:
     """Clock, sampling rate, axes and values (T, A) of a file; of its own axes when no columns are named."""
@@ -128,13 +174,13 @@ def _read(
             f"file with {header}; name them"
         )
     time_column = columns.get(_TIME, _TIME if _TIME in header else None)
-    wanted = [_find(path, header, columns[axis]) for axis in axes]
-    values = np.column_stack([sign * _numbers(path, header, rows, index, gaps=gaps) for index, sign in wanted])
+    wanted = [_find_column(path, header, columns[axis]) for axis in axes]
+    values = np.column_stack([sign * _parse_column(path, header, rows, index, gaps=gaps) for index, sign in wanted])
     stamps = None
     if time_column is not None:
-        index, sign = _find(path, header, time_column)
-        stamps = sign * _numbers(path, header, rows, index, gaps=False)
-    time_s, rate_hz = _even_clock(path, stamps, len(rows), sampling_rate_hz)
+        index, sign = _find_column(path, header, time_column)
+        stamps = sign * _parse_column(path, header, rows, index, gaps=False)
+    time_s, rate_hz = _make_even_clock(path, stamps, len(rows), sampling_rate_hz)
     return time_s, rate_hz, axes, values
 
 
@@ -161,7 +207,7 @@ def _read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
     return header, rows[1:]
 
 
-def _find(path: Path | str, header: Sequence[str], column: str) -> tuple[int, float]:
+def _find_column(path: Path | str, header: Sequence[str], column: str) -> tuple[int, float]:
     """Place and sign of a column."""
     if column in header:
         return header.index(column), 1.0
@@ -170,7 +216,7 @@ def _find(path: Path | str, header: Sequence[str], column: str) -> tuple[int, fl
     raise DatasetError(f"{path}: expected a column {column!r}, got {list(header)}; name it in columns")
 
 
-def _numbers(
+def _parse_column(
     path: Path | str, header: Sequence[str], rows: Sequence[Sequence[str]], index: int, *, gaps: bool
 ) -> FloatArray:
     """A column's values; empty cells are NaN where gaps are allowed."""
@@ -189,7 +235,7 @@ def _numbers(
     return values
 
 
-def _even_clock(
+def _make_even_clock(
     path: Path | str, stamps: FloatArray | None, samples: int, sampling_rate_hz: float | None
 ) -> tuple[FloatArray, float]:
     """Time stamps without their rounding, and the sampling rate."""
@@ -218,11 +264,11 @@ def _even_clock(
     return stamps[0] + np.arange(samples) / rate_hz, rate_hz
 
 
-def _name(path: Path | str, sensor: str | None) -> str:
+def _name_sensor(path: Path | str, sensor: str | None) -> str:
     return Path(path).stem if sensor is None else sensor
 
 
-def _attrs(path: Path | str, start: datetime | None) -> dict[str, Any]:
+def _make_attrs(path: Path | str, start: datetime | None) -> dict[str, Any]:
     attrs: dict[str, Any] = {"file": Path(path).name}
     if start is not None:
         if start.tzinfo is None:

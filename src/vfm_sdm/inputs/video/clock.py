@@ -24,9 +24,11 @@ def count_dropped(time_s: FloatArray) -> tuple[int, bool]:
 
     Returns
     -------
-    tuple[int, bool]
-        Frames missing between the first and the last; ``False`` where the intervals are so irregular that a long
-        one is no sign of a lost frame, and then the number is 0.
+    missing
+        Frames missing between the first and the last.
+    regular
+        ``False`` where the intervals are so irregular that a long one is no sign of a lost frame; ``missing`` is
+        then 0.
 
     Raises
     ------
@@ -40,6 +42,11 @@ def count_dropped(time_s: FloatArray) -> tuple[int, bool]:
     that loses frames. An interval above 1.5 nominal ones has lost ``round(interval / nominal) - 1`` frames. A clock
     counts as regular when at least 80 % of its intervals lie within a quarter of a nominal interval of a whole
     multiple of it; of intervals spread at random, half do.
+
+    Examples
+    --------
+    >>> count_dropped(np.array([0.0, 0.1, 0.2, 0.5, 0.6]))
+    (2, True)
     """
     intervals = np.diff(as_float_array(time_s, "time_s", (None,)))
     if intervals.size < 2:

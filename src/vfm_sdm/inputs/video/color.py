@@ -20,7 +20,7 @@ _ONE_THREAD: dict[str, Any] = {"threads": 1} if int(av.__version__.split(".")[0]
 
 
 def convert_part(picture: av.VideoFrame, region: Region, rotation_deg: int = 0) -> RgbArray:
-    """Part of a decoded picture in colour, shape (height, width, 3), 8 bits, red first.
+    """Part of a decoded picture in colour.
 
     Parameters
     ----------
@@ -30,6 +30,11 @@ def convert_part(picture: av.VideoFrame, region: Region, rotation_deg: int = 0) 
         The part [px], inside the rotated picture; its scale has no effect.
     rotation_deg
         Clockwise turn of the picture: 0, 90, 180 or 270 [deg].
+
+    Returns
+    -------
+    colours
+        Red, green and blue in 8 bits, shape (height, width, 3).
 
     Raises
     ------
@@ -41,8 +46,14 @@ def convert_part(picture: av.VideoFrame, region: Region, rotation_deg: int = 0) 
     Only the planes' rows and columns around the part are converted, without a copy of them, so that the colours
     equal those of the whole picture. The picture is converted whole where a part of it would be treated differently:
     luma and chroma in one plane, RGB, or a size that is no multiple of the chroma subsampling.
+
+    Examples
+    --------
+    >>> picture = av.VideoFrame.from_ndarray(np.full((32, 48, 3), 128, np.uint8), format="rgb24")
+    >>> convert_part(picture, Region(4, 8, 20, 10)).shape
+    (10, 20, 3)
     """
-    stored = _as_stored(region, picture, rotation_deg)
+    stored = _map_to_stored(region, picture, rotation_deg)
     tile = _tile_around(stored, picture)
     try:
         converted = _cut(picture, tile).to_ndarray(format="rgb24", **_ONE_THREAD)
@@ -55,8 +66,8 @@ def convert_part(picture: av.VideoFrame, region: Region, rotation_deg: int = 0) 
     return np.ascontiguousarray(np.rot90(part, -rotation_deg // 90))
 
 
-def _as_stored(region: Region, picture: av.VideoFrame, rotation_deg: int) -> Region:
-    """The region of the picture as stored that a region of the rotated picture shows."""
+def _map_to_stored(region: Region, picture: av.VideoFrame, rotation_deg: int) -> Region:
+    """The region of the picture as it is stored that a region of the rotated picture shows [px]."""
     turns = rotation_deg // 90
     columns, rows = (picture.height, picture.width) if turns % 2 else (picture.width, picture.height)
     stored = Region(region.x, region.y, region.width, region.height)

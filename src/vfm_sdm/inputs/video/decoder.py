@@ -1,4 +1,4 @@
-"""Pictures of a video stream, decoded once and in order, and the accounts that tell damaged ones from sound ones."""
+"""Pictures of a video stream, decoded once and in order, and the checks that tell damaged ones from sound ones."""
 
 import heapq
 from collections.abc import Generator, Iterator
@@ -31,6 +31,11 @@ def open_stream(path: Path, *, threads: bool = True) -> Iterator[tuple[av.contai
         A video file.
     threads
         Whether several pictures are decoded at once.
+
+    Yields
+    ------
+    container, stream
+        Both are closed when the context ends.
 
     Raises
     ------
@@ -76,6 +81,11 @@ def read_pictures(path: Path) -> Generator[av.VideoFrame]:
     path
         A video file.
 
+    Yields
+    ------
+    picture
+        A decoded picture, not rotated, height by width as stored [px].
+
     Raises
     ------
     DecodeStop
@@ -85,10 +95,10 @@ def read_pictures(path: Path) -> Generator[av.VideoFrame]:
 
     Notes
     -----
-    Three witnesses are heard. The decoder itself, told to refuse damaged data instead of painting over them. The
-    stamps: every packet that went in must come out, so a picture that the decoder leaves out in silence is noticed
-    when a later one appears. The length of the file. A change that leaves a valid stream without checksums (H.264
-    has none) cannot be noticed.
+    Three things are checked: what the decoder itself reports, which is told to refuse damaged data instead of painting
+    over them; the time stamps, because every packet that went in must come out, so that a picture which the decoder
+    leaves out in silence is noticed when a later one appears; and the length of the file. A change that leaves a valid
+    stream without checksums (H.264 has none) cannot be noticed.
 
     Decoding on several processors, an error surfaces some packets late. The group of pictures in question is then
     decoded once more on a single one, so that a damaged file gives the same frames on every machine.
@@ -116,7 +126,7 @@ def read_pictures(path: Path) -> Generator[av.VideoFrame]:
 
 
 class _Pass:
-    """One run of the decoder; with an ``earlier`` one, a run that only goes on from there to where that one failed."""
+    """One run of the decoder; with an ``earlier`` run, it goes on from where that one ended to where it failed."""
 
     def __init__(
         self,
@@ -161,7 +171,7 @@ class _Pass:
                 if not packet.size:
                     break
                 if partial:
-                    yield from self._rest(fed)
+                    yield from self._remaining_pictures(fed)
                     raise self._damage("incomplete data")
                 fed = packet.pts
                 self._complete_to = packet.dts
@@ -172,25 +182,25 @@ class _Pass:
                 if fed is not None and not packet.is_discard:
                     heapq.heappush(self._waiting, fed)
                     self._newest = max(self._newest, fed)
-                yield from self._sound(packet.decode())
+                yield from self._check_pictures(packet.decode())
                 if self._ended:
                     return
             missing = missing_bytes(self._path)
             self._draining_early = partial or missing > 0
-            yield from self._sound(self._video.decode(None))
+            yield from self._check_pictures(self._video.decode(None))
         except av.FFmpegError as error:
             # A decoder that never got a whole picture fails to flush, too: that is the early end, not damage.
             missing = missing_bytes(self._path)
             if not partial:
-                yield from self._rest(fed)
+                yield from self._remaining_pictures(fed)
                 raise self._damage(f"damaged data ({error.strerror})") from error
         if partial or missing > 0:
             raise DecodeStop("truncated", f"the file ends early, by at least {max(missing, 1)} bytes; copy it again")
         if self._waiting and not (self._fields or self._ended):
             raise self._damage(f"{len(self._waiting)} pictures that do not decode")
 
-    def _rest(self, limit: int | None) -> Generator[av.VideoFrame]:
-        """What the decoder still holds of the time before a bad packet; only without threads that is certain."""
+    def _remaining_pictures(self, limit: int | None) -> Generator[av.VideoFrame]:
+        """Pictures that the decoder still holds from before a bad packet; only without threads that is certain."""
         if self._earlier is None:
             return
         self._draining_early = True
@@ -198,9 +208,10 @@ class _Pass:
             held = self._video.decode(None)
         except av.FFmpegError:
             return
-        yield from self._sound(held, limit)
+        yield from self._check_pictures(held, limit)
 
-    def _sound(self, pictures: list[av.VideoFrame], limit: int | None = None) -> Generator[av.VideoFrame]:
+    def _check_pictures(self, pictures: list[av.VideoFrame], limit: int | None = None) -> Generator[av.VideoFrame]:
+        """The pictures, one by one, as long as they are sound and in order."""
         for picture in pictures:
             stamp = picture.pts
             if stamp is None:

@@ -48,7 +48,7 @@ class ImageSource:
         self._fps = fps
         first = self._files[0]
         try:
-            image, _ = _read(first)
+            image, _ = _read_image(first)
         except DecodeStop as damage:
             raise VideoError(damage.detail) from damage
         _check_single_page(first)
@@ -78,7 +78,7 @@ class ImageSource:
         """
         expected = (self.info.height, self.info.width, self.info.bit_depth)
         for index, path in enumerate(self._files):
-            image, in_color = _read(path)
+            image, in_color = _read_image(path)
             found = (*image.shape[:2], 8 * image.dtype.itemsize)
             if found != expected:
                 raise VideoError(
@@ -91,7 +91,7 @@ class ImageSource:
 
 
 def find_images(pattern: str) -> list[Path]:
-    """The files that match a pattern, in natural order: ``img2`` before ``img10``.
+    """Paths of the image files that match a pattern, in natural order: ``img2`` before ``img10``.
 
     Parameters
     ----------
@@ -103,6 +103,15 @@ def find_images(pattern: str) -> list[Path]:
     ------
     VideoError
         No file matches.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     for number in (10, 2, 1):
+    ...         Path(folder, f"img{number}.png").touch()
+    ...     print([path.name for path in find_images(f"{folder}/img*.png")])
+    ['img1.png', 'img2.png', 'img10.png']
     """
     parts = Path(pattern).parts
     folder = Path()
@@ -123,8 +132,8 @@ def _natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
     return pieces, str(path)
 
 
-def _read(path: Path) -> tuple[ImageArray, Callable[[], ImageArray]]:
-    """The image that holds the luma, and what gives it with its colours: a JPEG is decoded again when first asked."""
+def _read_image(path: Path) -> tuple[ImageArray, Callable[[], ImageArray]]:
+    """The image that holds the luma, and a function that gives its colours; a JPEG is decoded again for them."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -140,7 +149,7 @@ def _read(path: Path) -> tuple[ImageArray, Callable[[], ImageArray]]:
 
 
 def _decode(path: Path, data: bytes, flags: int) -> ImageArray:
-    # From memory, since OpenCV fills up a JPEG file that ends early with grey. Of nothing it makes an error.
+    # From memory, since OpenCV fills up a JPEG file that ends early with grey. An empty buffer makes it raise.
     image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
     if image is None:
         raise DecodeStop("corrupt", f"{path}: expected an image, got data that do not decode; copy the file again")
@@ -149,7 +158,7 @@ def _decode(path: Path, data: bytes, flags: int) -> ImageArray:
 
 def _convert_part(in_color: Callable[[], ImageArray], region: Region) -> RgbArray:
     part = region.crop(in_color())
-    # Of 16 bits the upper eight.
+    # The upper eight of 16 bits.
     eight = (part >> 8).astype(np.uint8) if part.itemsize > 1 else part
     return cast("RgbArray", cv2.cvtColor(eight, cv2.COLOR_GRAY2RGB if eight.ndim == 2 else cv2.COLOR_BGR2RGB))
 

@@ -20,7 +20,16 @@ def missing_bytes(path: Path) -> int:
     Notes
     -----
     FFmpeg ends such a file in silence at the last whole packet, and Matroska does not say how many frames there
-    should be, so the length is the only exact witness.
+    should be, so the length is the only exact sign.
+
+    Examples
+    --------
+    >>> from tempfile import NamedTemporaryFile
+    >>> with NamedTemporaryFile(suffix=".mp4") as file:
+    ...     box = (100).to_bytes(4, "big") + b"ftyp" + bytes(60)
+    ...     _ = file.write(box), file.flush()
+    ...     print(missing_bytes(Path(file.name)))
+    32
     """
     size = path.stat().st_size
     with path.open("rb") as file:

@@ -24,22 +24,49 @@ class _Layout:
 
 
 def has_luma_plane(pixel_format: str) -> bool:
-    """Whether pictures of a pixel format of this name keep their luma in a plane of its own."""
+    """Whether pictures of a pixel format keep their luma in a plane of its own.
+
+    Parameters
+    ----------
+    pixel_format
+        Name of the format in FFmpeg's words.
+
+    Examples
+    --------
+    >>> has_luma_plane("yuv420p"), has_luma_plane("rgb24")
+    (True, False)
+    """
     return _layout(pixel_format).convert_to is None
 
 
 def luma_bits(pixel_format: str) -> int:
-    """Significant bits of the luma that `luma_plane` returns for a pixel format of this name."""
+    """Significant bits of the luma that `luma_plane` returns for a pixel format.
+
+    Parameters
+    ----------
+    pixel_format
+        Name of the format in FFmpeg's words.
+
+    Examples
+    --------
+    >>> luma_bits("yuv420p"), luma_bits("yuv420p10le")
+    (8, 10)
+    """
     return _layout(pixel_format).bits
 
 
 def luma_plane(frame: av.VideoFrame) -> LumaArray:
-    """Brightness of a decoded picture, shape (height, width), uint8 or uint16, read-only.
+    """Brightness of a decoded picture.
 
     Parameters
     ----------
     frame
         Decoded picture in main memory, not rotated.
+
+    Returns
+    -------
+    luma
+        Shape (height, width), uint8 or uint16, read-only.
 
     Notes
     -----
@@ -47,6 +74,13 @@ def luma_plane(frame: av.VideoFrame) -> LumaArray:
     no copy, no colour conversion, no change of range (limited-range video keeps its 16 .. 235). 10-bit values come
     as 0 .. 1023, also where the format keeps them in the upper bits. Packed YUV is unpacked, its luma unchanged;
     RGB and palette pictures are converted to grey of the same depth with FFmpeg's BT.601 weights.
+
+    Examples
+    --------
+    >>> picture = av.VideoFrame.from_ndarray(np.full((32, 48), 90, np.uint8), format="gray")
+    >>> luma = luma_plane(picture)
+    >>> luma.shape, int(luma[0, 0])
+    ((32, 48), 90)
     """
     layout = _layout(frame.format.name)
     if layout.convert_to is not None:

@@ -52,6 +52,11 @@ class Video:
         stop
             Number of frames after which to stop; all of them when ``None``.
 
+        Yields
+        ------
+        frame
+            Index, time [s] and luma, shape (height, width); see `vfm_sdm.inputs.video.records.Frame`.
+
         Raises
         ------
         DatasetError
@@ -62,7 +67,7 @@ class Video:
         Notes
         -----
         Where the data end early, are damaged, or a time stamp is missing or does not rise, the pass ends before that
-        frame, without an exception: look at `report`. No frame is made up, no time stamp repaired. Of a damaged file,
+        frame, without an exception: look at `report`. No frame is made up, no time stamp repaired. In a damaged file,
         the few frames inside the decoder at that moment are lost as well.
 
         A frame is counted as duplicated when its luma equals that of the frame before in every pixel. A still scene
@@ -83,12 +88,17 @@ class Video:
         return self._frame(0)
 
     def color_frame(self, index: int = 0) -> RgbArray:
-        """A frame in colour, shape (height, width, 3), 8 bits, red first; `report` stays as it is.
+        """A frame in colour; `report` stays as it is.
 
         Parameters
         ----------
         index
             Position of the frame; the video is decoded up to it. In a pass, use `Frame.color`.
+
+        Returns
+        -------
+        colours
+            Red, green and blue in 8 bits, shape (height, width, 3).
 
         Raises
         ------
@@ -139,7 +149,7 @@ class Video:
 
 
 class _Tally:
-    """Counts what passes by; holds the time stamps and one frame."""
+    """Counts of the frames of a pass; holds their time stamps and the last frame."""
 
     def __init__(self) -> None:
         self._time_s = array("d")
@@ -159,7 +169,7 @@ class _Tally:
     def report(self, info: VideoInfo, status: DecodeStatus, detail: str) -> DecodeReport:
         self._previous = None
         dropped, regular = count_dropped(np.array(self._time_s))
-        words = [f"read {self.frames}{_claim(info)} frames"]
+        words = [f"read {self.frames}{_format_claim(info)} frames"]
         if detail:
             words.append(detail)
         if not regular:
@@ -200,13 +210,24 @@ def open_images(pattern: str | Path, fps: float) -> Video:
         ``fps`` is not positive.
     VideoError
         No file matches, or the first one cannot be used.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     for number in range(3):
+    ...         _ = cv2.imwrite(f"{folder}/{number}.png", np.full((48, 64), number, np.uint8))
+    ...     video = open_images(f"{folder}/*.png", fps=10)
+    ...     print(video.info.width, video.info.height, [frame.time_s for frame in video.frames()])
+    64 48 [0.0, 0.1, 0.2]
     """
     if not (math.isfinite(fps) and fps > 0):
         raise DatasetError(f"fps: expected a positive number of images a second, got {fps}; give the camera's rate")
     return Video(ImageSource(str(pattern), float(fps)))
 
 
-def _claim(info: VideoInfo) -> str:
+def _format_claim(info: VideoInfo) -> str:
     if info.frame_count is not None:
         return f" of {info.frame_count} claimed"
     if info.duration_s is not None and math.isfinite(info.fps):

@@ -69,12 +69,17 @@ class Frame:
     """
 
     def color(self, region: Region | None = None) -> RgbArray:
-        """The frame in colour, or a region of it, converted only now; shape (height, width, 3), 8 bits, red first.
+        """The frame, or a region of it, in colour; the colours are converted only now.
 
         Parameters
         ----------
         region
             What to convert, in pixels of the luma, resized to its canvas; the whole frame when ``None``.
+
+        Returns
+        -------
+        colours
+            Red, green and blue in 8 bits, shape (height, width, 3), or that of the region's canvas.
 
         Raises
         ------

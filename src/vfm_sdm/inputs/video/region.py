@@ -82,7 +82,7 @@ class Region:
 
     @classmethod
     def around(cls, point: npt.ArrayLike, size: int | tuple[int, int], image_size: tuple[int, int]) -> Self:
-        """The region of this size centred on a point, shifted where it would leave the image.
+        """The region of a given size centred on a point, shifted where it would leave the image.
 
         Parameters
         ----------
@@ -97,6 +97,11 @@ class Region:
         ------
         DatasetError
             The point is not finite or lies outside the image, or the region is larger than the image.
+
+        Examples
+        --------
+        >>> Region.around([100.2, 3.0], 21, (640, 480)).y
+        0
         """
         centre = as_float_array(point, "point", (2,))
         sides = size if isinstance(size, tuple) else (size, size)
@@ -117,7 +122,19 @@ class Region:
         return cls(corner[0], corner[1], sides[0], sides[1])
 
     def within(self, outer: "Region") -> "Region":
-        """The same region in the pixels of the picture that another one, not resized, cuts out."""
+        """The same region in the pixels of a picture that another region, which is not resized, cuts out.
+
+        Parameters
+        ----------
+        outer
+            The region that was cut out of the full image [px].
+
+        Examples
+        --------
+        >>> inner = Region(110, 60, 20, 10).within(Region(100, 50, 40, 30))
+        >>> inner.x, inner.y
+        (10, 10)
+        """
         return replace(self, x=self.x - outer.x, y=self.y - outer.y)
 
     def check_inside(self, image_size: tuple[int, int]) -> None:
@@ -141,13 +158,18 @@ class Region:
             )
 
     def crop(self, image: _Image) -> _Image:
-        """The region of a full image, shape (canvas height, canvas width) or (canvas height, canvas width, 3).
+        """The region of a full image.
 
         Parameters
         ----------
         image
             Full image, shape (height, width) or, in colour, (height, width, 3). The result has its type; without
             resizing, it is a view into it.
+
+        Returns
+        -------
+        part
+            Shape (canvas height, canvas width) or, in colour, (canvas height, canvas width, 3).
 
         Raises
         ------
@@ -157,6 +179,12 @@ class Region:
         Notes
         -----
         Shrinking averages the covered area, enlarging interpolates linearly; both follow the half-pixel rule.
+
+        Examples
+        --------
+        >>> image = np.arange(12, dtype=np.uint8).reshape(3, 4)
+        >>> Region(1, 0, 2, 2).crop(image).tolist()
+        [[1, 2], [5, 6]]
         """
         if image.ndim != 2 and image.shape[2:] != (3,):
             raise DatasetError(
@@ -171,12 +199,54 @@ class Region:
         return cast("_Image", cv2.resize(np.ascontiguousarray(part), self.canvas_size, interpolation=method))
 
     def to_full(self, points2d: npt.ArrayLike) -> FloatArray:
-        """Full-image pixels of canvas pixels, shape (..., 2) to (..., 2)."""
+        """Full-image pixels of canvas pixels.
+
+        Parameters
+        ----------
+        points2d
+            Pixels of the canvas, shape (..., 2) [px].
+
+        Returns
+        -------
+        points2d
+            Pixels of the full image, shape (..., 2) [px].
+
+        Raises
+        ------
+        DatasetError
+            The points have another shape.
+
+        Examples
+        --------
+        >>> Region(100, 50, 40, 20, scale_u=0.5, scale_v=0.5).to_full([0.0, 0.0]).tolist()
+        [100.5, 50.5]
+        """
         points = as_float_array(points2d, "points2d", (-1, 2))
         return (points + 0.5) / self._scale - 0.5 + self._corner
 
     def from_full(self, points2d: npt.ArrayLike) -> FloatArray:
-        """Canvas pixels of full-image pixels, shape (..., 2) to (..., 2)."""
+        """Canvas pixels of full-image pixels.
+
+        Parameters
+        ----------
+        points2d
+            Pixels of the full image, shape (..., 2) [px].
+
+        Returns
+        -------
+        points2d
+            Pixels of the canvas, shape (..., 2) [px].
+
+        Raises
+        ------
+        DatasetError
+            The points have another shape.
+
+        Examples
+        --------
+        >>> Region(100, 50, 40, 20, scale_u=0.5, scale_v=0.5).from_full([100.5, 50.5]).tolist()
+        [0.0, 0.0]
+        """
         points = as_float_array(points2d, "points2d", (-1, 2))
         return (points - self._corner + 0.5) * self._scale - 0.5
 

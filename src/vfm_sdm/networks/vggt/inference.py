@@ -17,7 +17,7 @@ __all__ = ["VggtInference", "reduce_matrices"]
 _CHANNEL_BYTES = 50
 """Peak memory of a token's channel in the aggregator: residual, queries, keys, values, hidden units [byte]."""
 _FEATURE_BYTES = 10
-"""Of a feature map's value: the maps, the same normalised, and the coarser levels [byte]."""
+"""Peak memory of a feature map's value: the maps, the same normalised, and the coarser levels [byte]."""
 
 
 class VggtInference:
@@ -26,7 +26,8 @@ class VggtInference:
     Parameters
     ----------
     network
-        With its weights; it is moved to the device, and its matrices are rounded there if the placement says so.
+        Network with its weights; it is moved to the device, and its matrices are rounded there if the placement says
+        so.
     placement
         Where and how it runs.
 
@@ -55,6 +56,17 @@ class VggtInference:
     ) -> Self:
         """The published network with the heads that are asked for; the others are neither built nor read.
 
+        Parameters
+        ----------
+        weights
+            Name or path of the weights.
+        device
+            ``auto`` (a GPU where there is one), or a name that PyTorch knows.
+        precision
+            Precision of matrix products; ``auto`` is bfloat16 on GPUs that have it.
+        camera, track
+            Whether the camera head and the tracking head are built.
+
         Raises
         ------
         BackendUnavailableError
@@ -67,14 +79,24 @@ class VggtInference:
         return cls(network, placement)
 
     def estimate_poses(self, images: RgbFrames) -> FloatArray:
-        """Pose vectors (`vfm_sdm.networks.vggt.pose`) of images (S, H, W, 3) seen together, shape (S, 9).
+        """Pose vectors of images that are seen together.
+
+        Parameters
+        ----------
+        images
+            Red, green and blue, shape (S, H, W, 3); the first frame's camera is the origin.
+
+        Returns
+        -------
+        poses
+            Pose vectors (`vfm_sdm.networks.vggt.pose`), shape (S, 9).
 
         Raises
         ------
         DatasetError
             The images' sides are not multiples of a patch.
         DeviceMemoryError
-            They do not fit.
+            The images do not fit the memory.
         """
         with self.placement.running():
             return self.network.estimate_poses(self._tensor(images))[-1].cpu().double().numpy()
@@ -85,7 +107,7 @@ class VggtInference:
         Parameters
         ----------
         frames
-            Shape (S, H, W, 3).
+            Red, green and blue, shape (S, H, W, 3).
         queries
             Column and row in the first frame, shape (N, 2) [px].
 
@@ -94,7 +116,7 @@ class VggtInference:
         DatasetError
             The frames' sides are not multiples of a patch, or too short.
         DeviceMemoryError
-            They do not fit.
+            The frames do not fit the memory.
         """
         with self.placement.running():
             points = torch.as_tensor(queries, dtype=self._dtype, device=self.placement.device)
@@ -105,11 +127,17 @@ class VggtInference:
 
     @property
     def precision(self) -> str:
-        """Of its matrix products: ``float32`` or ``bfloat16``."""
+        """Precision of its matrix products: ``float32`` or ``bfloat16``."""
         return self.placement.precision
 
     def plan_frames(self, height: int, width: int) -> int | None:
-        """How many frames of this size fit the free memory; ``None`` where that is not known."""
+        """How many frames of one size fit the free memory; ``None`` where that is not known.
+
+        Parameters
+        ----------
+        height, width
+            Size of a frame, shape (height, width, 3) [px].
+        """
         free = self.placement.free_bytes()
         if free is None:
             return None
@@ -131,7 +159,24 @@ class VggtInference:
 
 
 def reduce_matrices(module: nn.Module) -> None:
-    """Weights of matrix products in bfloat16, as they are multiplied: half the memory, and nothing is cast twice."""
+    """Rounds the weights of matrix products to bfloat16, the type they are multiplied in.
+
+    Parameters
+    ----------
+    module
+        Network whose linear and convolution layers are changed, whatever their shape.
+
+    Notes
+    -----
+    Half the memory, and nothing is converted twice.
+
+    Examples
+    --------
+    >>> layer = nn.Linear(2, 2)
+    >>> reduce_matrices(layer)
+    >>> layer.weight.dtype
+    torch.bfloat16
+    """
     for layer in module.modules():
         if isinstance(layer, nn.Linear | nn.Conv2d):
             layer.to(torch.bfloat16)

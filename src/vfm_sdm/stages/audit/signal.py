@@ -108,9 +108,11 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
     )
 
 
-def check_refinement(inputs: AuditInputs) -> AuditCheck:
-    """Share of points that could not be refined as asked."""
+def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
+    """Share of points that could not be refined as asked; ``None`` where nothing was asked."""
     name = "refinement"
+    if inputs.session.method.refinement == "none":
+        return None
     refused = {
         str(point): status
         for point, status in zip(

@@ -1,4 +1,4 @@
-"""Tracks without the motion of the cameras: of a tripod that shakes in the wind or settles."""
+"""Tracks without the motion of the cameras, such as that of a tripod that shakes in the wind or settles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ _PREDICTED = 0.75
 """Share of the static points' slow shifts that the others must predict; by chance, two that drift agree by half."""
 _CLEAR = 5.0
 _CLEAR_PX = 0.1
-"""A single static point has nothing to check it: its shifts must be so many times their noise, and above a drift."""
+"""Multiples of their noise, and of a drift, that the shifts of a single static point must exceed: nothing checks it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +85,10 @@ class CameraMotion:
     Parameters
     ----------
     tracks
-        By view name; those of a view whose motion was not removed are the very ones that were given.
+        Tracks by view name, shape (T, P, 2) [px]; where the motion of a view was not removed, they are the dataset that
+        was given.
     views
-        By view name.
+        Motion of each camera by view name.
     """
 
     tracks: Mapping[str, xr.Dataset]
@@ -117,9 +118,10 @@ def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Seq
     Parameters
     ----------
     tracks
-        Tracks of every view of the rig on its own clock, before or after synchronisation, all with the same points.
+        Tracks of every view of the rig on its own clock, shape (T, P, 2) [px], before or after synchronisation, all
+        with the same points.
     rig
-        Metric cameras, at rest.
+        Metric cameras at rest.
     static
         Names of points that do not move. Three or more, far apart in the picture and at several depths,
         determine the motion; with two, roll and translation lean on the prior; with one, they come from it alone.
@@ -191,15 +193,15 @@ def _remove_from_view(
     covariance = tracks["position_covariance"].values[:, usable]
     estimate = estimate_motion(position[:, usable], covariance, jacobian[usable])
     seen = np.asarray(np.isfinite(position[:, usable]).all(axis=-1))
-    shift, left = _shifts(position[:, usable], seen, jacobian[usable], estimate)
-    before, after = _scatter(shift), _scatter(left)
+    shift, left = _compute_shifts(position[:, usable], seen, jacobian[usable], estimate)
+    before, after = _compute_scatter(shift), _compute_scatter(left)
     if estimate.likelihood_ratio < _SIGNIFICANT:
         status = "still"
     elif len(usable) == 1:
         noise_px = _root_mean_square(np.sqrt(np.einsum("tpii->tp", covariance)[seen]))
         status = "one static point" if before[0] > max(_CLEAR * noise_px, _CLEAR_PX) else "still"
     else:
-        status = "ok" if _predicted_share(shift, left) > _PREDICTED else "no gain"
+        status = "ok" if _compute_predicted_share(shift, left) > _PREDICTED else "no gain"
     found = np.asarray(seen.any(axis=1))[:, None]
     motion = np.where(found, estimate.motion, np.nan)
     std = np.where(found, np.sqrt(np.einsum("taa->ta", estimate.covariance)), np.nan)
@@ -207,10 +209,10 @@ def _remove_from_view(
     view = ViewMotion(status, static, motion[:, :3], std[:, :3], motion[:, 3:], std[:, 3:], before, after)
     if not view.applied:
         return tracks, view
-    return _corrected(tracks, jacobian, usable, seen, estimate), view
+    return _subtract_motion(tracks, jacobian, usable, seen, estimate), view
 
 
-def _shifts(
+def _compute_shifts(
     position: FloatArray, seen: BoolArray, jacobian: FloatArray, estimate: MotionEstimate
 ) -> tuple[FloatArray, FloatArray]:
     """Shifts of the static points from their rest, and what the others' prediction leaves of them, (T, S, 2) [px]."""
@@ -222,26 +224,27 @@ def _shifts(
     return shift, shift - predicted
 
 
-def _predicted_share(shift: FloatArray, left: FloatArray) -> float:
+def _compute_predicted_share(shift: FloatArray, left: FloatArray) -> float:
     """Share of the shifts' variance, beyond noise that is white in time, that the others predict; at most 1."""
-    before, after = _root_mean_square(_scatter(shift)) ** 2, _root_mean_square(_scatter(left)) ** 2
+    before, after = _root_mean_square(_compute_scatter(shift)) ** 2, _root_mean_square(_compute_scatter(left)) ** 2
     white = _root_mean_square(np.diff(left, axis=0)) ** 2
     # Twice the variance of u or v, as the difference of two frames has it, is what u and v have together.
     return (before - after) / max(before - min(white, after), np.finfo(float).tiny)
 
 
-def _scatter(shift: FloatArray) -> FloatArray:
+def _compute_scatter(shift: FloatArray) -> FloatArray:
     """Root mean square distance from the mean over time, (T, S, 2) to (S,); NaN for a point without samples."""
     squares = mean_of_known((shift - mean_of_known(shift)) ** 2)
     return np.asarray(np.sqrt(squares.sum(axis=-1)))
 
 
 def _root_mean_square(values: FloatArray) -> float:
+    """Root of the mean square of what is not NaN; NaN where nothing is known."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def _corrected(
+def _subtract_motion(
     tracks: xr.Dataset, jacobian: FloatArray, usable: Sequence[int], seen: BoolArray, estimate: MotionEstimate
 ) -> xr.Dataset:
     """The tracks less the shifts that the motion predicts, with its covariance added."""

@@ -1,4 +1,4 @@
-"""Camera files: the project's own TOML, and estimator ``file`` that takes the cameras from them."""
+"""Camera files in the project's own TOML, and the estimator ``file`` that takes the cameras from them."""
 
 import tomllib
 from collections.abc import Mapping
@@ -81,14 +81,15 @@ class _RigEntry(_Entry):
 
 
 def write_rig(path: Path | str, rig: Rig, *, extra: Mapping[str, Any] | None = None) -> None:
-    """Write a rig as TOML, complete and without loss; the file is whole or absent.
+    """Writes a rig as TOML, complete and without loss; the file is whole or absent.
 
     Parameters
     ----------
     path
         The file to make or replace.
     rig
-        Its cameras, whether it is metric, and its covariance.
+        V cameras, with intrinsics [px], poses [length unit of the rig] and covariance, shape (10 V, 10 V), if there is
+        one.
     extra
         Further values for the reader's information, kept in the table ``extra``.
 
@@ -98,6 +99,15 @@ def write_rig(path: Path | str, rig: Rig, *, extra: Mapping[str, Any] | None = N
         ``extra`` holds something that TOML cannot.
     OSError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> with TemporaryDirectory() as folder:
+    ...     write_rig(f"{folder}/cameras.toml", Rig(("left",), (camera,)))
+    ...     print(Path(folder, "cameras.toml").read_text().splitlines()[0])
+    format = "vfm-sdm cameras 1"
     """
     document: dict[str, Any] = {"format": _FORMAT, "metric": rig.metric}
     if rig.covariance is not None:
@@ -131,11 +141,31 @@ def write_rig(path: Path | str, rig: Rig, *, extra: Mapping[str, Any] | None = N
 def read_rig(path: Path | str) -> Rig:
     """The rig that `write_rig` wrote; a single camera needs no pose.
 
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    rig
+        V cameras, with intrinsics [px], poses [length unit of the rig] and covariance, shape (10 V, 10 V), if the file
+        has one.
+
     Raises
     ------
     CameraError
         The file is absent or no TOML, a key is unknown, missing or has an impossible value, or one of several
         cameras has no pose.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> with TemporaryDirectory() as folder:
+    ...     write_rig(f"{folder}/cameras.toml", Rig(("left",), (camera,)))
+    ...     print(read_rig(f"{folder}/cameras.toml").names)
+    ('left',)
     """
     entry = _read_entry(path)
     without = [camera.name for camera in entry.camera if not camera.has_pose]
@@ -143,7 +173,7 @@ def read_rig(path: Path | str) -> Rig:
         raise CameraError(
             f"{path}: expected rotation and translation of every camera, got none for {without}; add them"
         )
-    return _rig(path, entry)
+    return _make_rig(path, entry)
 
 
 def read_camera(path: Path | str, name: str | None = None, *, image_size: tuple[int, int] | None = None) -> Camera:
@@ -154,7 +184,7 @@ def read_camera(path: Path | str, name: str | None = None, *, image_size: tuple[
     path
         The file.
     name
-        Which camera, where the file holds several; a single one is taken whatever its name.
+        Name of the camera, where the file holds several; a single one is taken whatever its name.
     image_size
         Width and height [px] for OpenCV files that do not state them.
 
@@ -162,6 +192,15 @@ def read_camera(path: Path | str, name: str | None = None, *, image_size: tuple[
     ------
     CameraError
         The file cannot be read, or does not hold the camera.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> with TemporaryDirectory() as folder:
+    ...     write_rig(f"{folder}/cameras.toml", Rig(("left",), (camera,)))
+    ...     print(read_camera(f"{folder}/cameras.toml").focal_px)
+    1000.0
     """
     if Path(path).suffix.lower() != ".toml":
         return read_opencv_camera(path, name, image_size=image_size)
@@ -179,15 +218,15 @@ class FileCameras:
     name = "file"
 
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
-        """Rig of the session's views with the first view as the reference.
+        """Rig of the session's views, with the first view as the reference view.
 
         Parameters
         ----------
         session
-            Its views' ``camera`` entries. They may name one file with all cameras, or several files whose poses are
-            given in one common frame.
+            The measurement, whose views name their files under ``camera``: one file with all cameras, or several files
+            whose poses are given in one common frame.
         frames
-            First frame of each view; only the sizes are used.
+            First frame of each view, shape (H, W); only the sizes [px] are used.
 
         Raises
         ------
@@ -202,7 +241,7 @@ class FileCameras:
                 f"cameras = 'file': expected a camera file for every view, got none for {missing}; add it"
             )
         files = {view: session.resolve(path) for view, path in paths.items() if path is not None}
-        rigs = {file: _posed_rig(file) for file in dict.fromkeys(files.values())}
+        rigs = {file: _read_posed_rig(file) for file in dict.fromkeys(files.values())}
         for view, luma in frames.items():
             _check_view(files[view], rigs[files[view]], view, (luma.shape[1], luma.shape[0]))
         metric = {rig.metric for rig in rigs.values()}
@@ -240,7 +279,7 @@ def _read_entry(path: Path | str) -> _RigEntry:
     return entry
 
 
-def _rig(path: Path | str, entry: _RigEntry) -> Rig:
+def _make_rig(path: Path | str, entry: _RigEntry) -> Rig:
     names = tuple(camera.name for camera in entry.camera)
     cameras = tuple(camera.camera() for camera in entry.camera)
     covariance = None
@@ -252,7 +291,7 @@ def _rig(path: Path | str, entry: _RigEntry) -> Rig:
     return Rig(names, cameras, entry.metric, covariance)
 
 
-def _posed_rig(path: Path) -> Rig:
+def _read_posed_rig(path: Path) -> Rig:
     """The file's rig, which must hold poses."""
     advice = "use cameras = 'two-view', which takes the intrinsics from it"
     if path.suffix.lower() != ".toml":
@@ -261,7 +300,7 @@ def _posed_rig(path: Path) -> Rig:
     without = [camera.name for camera in entry.camera if not camera.has_pose]
     if without:
         raise CameraError(f"{path}: expected rotation and translation of {without}, got intrinsics only; {advice}")
-    return _rig(path, entry)
+    return _make_rig(path, entry)
 
 
 def _check_view(path: Path, rig: Rig, view: str, size: tuple[int, int]) -> None:

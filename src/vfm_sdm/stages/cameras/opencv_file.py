@@ -1,4 +1,4 @@
-"""Cameras that OpenCV, or a program that writes like it, stored as YAML, XML or JSON."""
+"""Cameras in the YAML, XML or JSON files of OpenCV, or of programs that write like it."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,7 +25,7 @@ _MODELS = ("", "plumb_bob")
 def read_opencv_camera(
     path: Path | str, name: str | None = None, *, image_size: tuple[int, int] | None = None
 ) -> Camera:
-    """One camera without pose from an OpenCV file.
+    """One camera without a pose from an OpenCV file.
 
     Parameters
     ----------
@@ -37,17 +37,33 @@ def read_opencv_camera(
     image_size
         Width and height [px] where the file has no ``image_width`` and ``image_height``.
 
+    Returns
+    -------
+    camera
+        Intrinsics K, shape (3, 3) [px], and distortion, shape (5,) [1]; the pose is the identity.
+
     Raises
     ------
     CameraError
         The file cannot be read, a key is missing, the lens model is another one, or the image size is unknown or
         contradicts the file.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     storage = cv2.FileStorage(f"{folder}/camera.yml", cv2.FILE_STORAGE_WRITE)
+    ...     storage.write("camera_matrix", np.array([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]]))
+    ...     storage.write("distortion_coefficients", np.zeros((1, 5)))
+    ...     storage.release()
+    ...     print(read_opencv_camera(f"{folder}/camera.yml", image_size=(640, 480)).focal_px)
+    1000.0
     """
-    with _storage(path) as storage:
-        number = _camera_number(storage, path, name)
-        K = _first_matrix(storage, path, [key + number for key in _MATRIX_KEYS])
-        distortion = _first_matrix(storage, path, [key + number for key in _DISTORTION_KEYS])
-        size = _image_size(storage)
+    with _open_storage(path) as storage:
+        number = _find_camera_number(storage, path, name)
+        K = _read_first_matrix(storage, path, [key + number for key in _MATRIX_KEYS])
+        distortion = _read_first_matrix(storage, path, [key + number for key in _DISTORTION_KEYS])
+        size = _read_image_size(storage)
         model = storage.getNode("distortion_model")
         model_name = model.string() if model.isString() else ""
         fisheye = storage.getNode("fisheye_model")
@@ -81,7 +97,7 @@ def read_opencv_stereo(
     intrinsics_path
         File with ``M1, D1, M2, D2``.
     extrinsics_path
-        File with ``R`` and ``T``, the second camera from the first.
+        File with ``R`` and ``T``, which lead from the first camera's frame to the second one's.
     image_size
         Width and height of both images [px].
     names
@@ -95,9 +111,9 @@ def read_opencv_stereo(
         A file cannot be read, a key is missing, or a matrix has another shape.
     """
     first, second = (read_opencv_camera(intrinsics_path, number, image_size=image_size) for number in ("1", "2"))
-    with _storage(extrinsics_path) as storage:
-        R = _first_matrix(storage, extrinsics_path, ["R"])
-        T = _first_matrix(storage, extrinsics_path, ["T"])
+    with _open_storage(extrinsics_path) as storage:
+        R = _read_first_matrix(storage, extrinsics_path, ["R"])
+        T = _read_first_matrix(storage, extrinsics_path, ["T"])
     if R.shape != (3, 3) or T.size != 3:
         raise CameraError(
             f"{extrinsics_path}: expected R of 3 x 3 and T of 3 numbers, got {R.shape} and {T.shape}; check the file"
@@ -111,7 +127,7 @@ def read_opencv_stereo(
 
 
 @contextmanager
-def _storage(path: Path | str) -> Iterator[Any]:
+def _open_storage(path: Path | str) -> Iterator[Any]:
     if not Path(path).is_file():
         raise CameraError(f"{path}: expected a camera file, got none there; correct the path")
     try:
@@ -126,7 +142,7 @@ def _storage(path: Path | str) -> Iterator[Any]:
         storage.release()
 
 
-def _camera_number(storage: Any, path: Path | str, name: str | None) -> str:
+def _find_camera_number(storage: Any, path: Path | str, name: str | None) -> str:
     """Suffix of the camera's keys: empty in a file of one camera."""
     numbered = [n for n in ("1", "2") if any(not storage.getNode(key + n).empty() for key in _MATRIX_KEYS)]
     if not numbered:
@@ -142,16 +158,16 @@ def _camera_number(storage: Any, path: Path | str, name: str | None) -> str:
     )
 
 
-def _first_matrix(storage: Any, path: Path | str, keys: Sequence[str]) -> FloatArray:
+def _read_first_matrix(storage: Any, path: Path | str, keys: Sequence[str]) -> FloatArray:
     """The matrix under the first key that is there, shape (rows, cols)."""
     for key in keys:
         node = storage.getNode(key)
         if not node.empty():
-            return _matrix(node, f"{path}: {key}")
+            return _read_matrix(node, f"{path}: {key}")
     raise CameraError(f"{path}: expected {' or '.join(keys)}, got keys {list(storage.root().keys())}; check the file")
 
 
-def _matrix(node: Any, label: str) -> FloatArray:
+def _read_matrix(node: Any, label: str) -> FloatArray:
     # Read by hand, because OpenCV's own reader wants a type tag that ROS files do not have.
     entries = {key: node.getNode(key) for key in ("rows", "cols", "data")} if node.isMap() else {}
     if not entries or any(entry.empty() for entry in entries.values()) or not entries["data"].isSeq():
@@ -163,7 +179,7 @@ def _matrix(node: Any, label: str) -> FloatArray:
     return np.array([item.real() for item in items], dtype=np.float64).reshape(rows, cols)
 
 
-def _image_size(storage: Any) -> tuple[int, int] | None:
+def _read_image_size(storage: Any) -> tuple[int, int] | None:
     width, height = storage.getNode("image_width"), storage.getNode("image_height")
     if width.isInt() and height.isInt():
         return int(width.real()), int(height.real())

@@ -1,4 +1,4 @@
-"""What is known of the cameras before looking at the images, and a rig that carries it as its covariance."""
+"""Priors of the cameras: what is known of them before the images are used, and a rig that carries it as covariance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ CONTRADICTION = "focal lengths contradict what is known of the lenses"
 
 _UNKNOWN_FOCAL = 1.2
 """Focal length over the longer image side where nothing is known: a normal lens. Only a place to start from; its
-standard deviation below says that it is no knowledge."""
+standard deviation below says that nothing is known."""
 _UNKNOWN_FOCAL_STD = 0.5
 _CALIBRATED_STD = 0.003
 _PRINCIPAL_POINT_STD = 0.015
@@ -26,24 +26,25 @@ _PRINCIPAL_POINT_STD = 0.015
 _CORNER_DISTORTION_STD = 0.025
 """Radial distortion at the image corner, over the radius: usual for lenses that are not wide-angle."""
 _ROTATION_STD_RAD, _POSITION_STD = 1.0, 2.0
-"""Of poses that are left free."""
+"""Standard deviations of poses that are left free: rotation [rad], and position over the baseline [1]."""
 _CONTRADICTION_STD = 3.0
 _ONE_FOCAL = 0.03
-"""Two focal lengths of one lens that differ by more than this share say that whoever found them was unsure."""
+"""Share by which the two focal lengths of one lens may differ before the estimate counts as unsure."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraPriors:
-    """What is known of all views' cameras, and the baseline that was measured.
+    """What is known of the cameras of all V views, and the baseline that was measured.
 
     Parameters
     ----------
     names
-        Of the views.
+        Names of the views.
     cameras
-        Intrinsics and distortion of each; their poses say nothing.
+        Intrinsics and distortion of each; their poses have no meaning.
     intrinsics_std
-        Standard deviations of the first four of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, shape (V, 4).
+        Standard deviations of the first four of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, in their units, shape
+        (V, 4).
     baseline_m
         Measured distance of the first two views [m].
     notes
@@ -60,22 +61,29 @@ class CameraPriors:
     status: str = "ok"
 
     def fused(self, focal_px: FloatArray, *, relative_std: float, source: str) -> "CameraPriors":
-        """The same with focal lengths that also know what was found otherwise, where the two do not contradict.
+        """The priors with focal lengths that include another estimate of them, where the two do not contradict.
 
         Parameters
         ----------
         focal_px
-            Found along both axes, shape (V, 2) [px].
+            Estimated focal lengths along both axes, shape (V, 2) [px].
         relative_std
-            Standard deviation of their mean [1].
+            Standard deviation of their mean, relative to it [1].
         source
-            Who found them; for the notes on what contradicts.
+            Name of the estimator; for the notes on contradictions.
 
-        Notes
-        -----
-        Mean of the logarithms, weighted by their precisions. A focal length that changes takes the standard deviation
-        of the distortion along, which stays what it is at the image's corner. Beyond three standard deviations one of
-        the two is wrong, and a mean would be, too: what the session says stands, and the status names it.
+        Notes ----- The result is the mean of the logarithms, weighted by their precisions. When a focal length changes,
+        the standard deviation of the distortion changes with it, so that it stays the same at the image's corner.
+        Beyond three standard deviations one of the two is wrong, and a mean would be, too: the session's value stands,
+        and the status names the contradiction.
+
+        Examples
+        --------
+        >>> cameras = tuple(Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480)) for _ in range(2))
+        >>> priors = CameraPriors(("left", "right"), cameras, np.tile([0.05, 10.0, 10.0, 0.1], (2, 1)), 4.0, ())
+        >>> fused = priors.fused(np.full((2, 2), 1040.0), relative_std=0.05, source="another estimator")
+        >>> round(fused.cameras[0].focal_px, 1), fused.intrinsics_std[0, 0].round(4).tolist()
+        (1019.8, 0.0354)
         """
         cameras, stds, notes, status = [], self.intrinsics_std.copy(), list(self.notes), self.status
         for name, camera, std, found in zip(self.names, self.cameras, stds, focal_px, strict=True):
@@ -106,17 +114,31 @@ class CameraPriors:
         Parameters
         ----------
         posed
-            The cameras with their poses, of any scale; the first one is the origin of the world.
+            The V cameras with their poses, of any scale; the first one is the origin of the world.
         rotation_std_rad
             Standard deviation of the further cameras' rotations about each axis [rad].
         position_std
-            The same of their translations along each axis, over the baseline [1].
+            Standard deviation of the further cameras' translations along each axis, over the baseline [1].
+
+        Returns
+        -------
+        rig
+            Metric rig [m], with a covariance of shape (10 V, 10 V).
 
         Notes
         -----
         The distance of the first two views scales all of them (s = B_true / B_est). Relative poses are left free by
-        default: those that come from matches the adjustment on site uses again, and a narrower prior would count these
+        default: they come from matches that the adjustment on site uses again, and a narrower prior would count these
         twice.
+
+        Examples
+        --------
+        >>> cameras = tuple(Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480)) for _ in range(2))
+        >>> priors = CameraPriors(("left", "right"), cameras, np.tile([0.05, 10.0, 10.0, 0.1], (2, 1)), 4.0, ())
+        >>> apart = cameras[1].perturbed([0, 0, 0, 0, 0, 0, 0, -1.0, 0, 0])
+        >>> rig = priors.metric_rig([cameras[0], apart])
+        >>> rig.metric, rig.baseline(), rig.covariance.shape
+        (True, 4.0, (20, 20))
         """
         rig = Rig(self.names, tuple(posed), False)
         pose_std = [rotation_std_rad] * 3 + [position_std * self.baseline_m] * 3
@@ -133,9 +155,9 @@ def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator:
     session
         Lens priors, camera files and the baseline.
     frames
-        First frame of every view; only names and sizes are used.
+        First frame of every view, shape (H, W); only names and sizes [px] are used.
     estimator
-        Who asks; begins the messages.
+        Name of the estimator that asks; messages begin with it.
 
     Raises
     ------

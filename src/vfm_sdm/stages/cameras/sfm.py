@@ -34,11 +34,11 @@ _FEATURES = 4000
 _LONG_SIDE_PX = 2000
 """Images with a longer side are reduced to it for SIFT: finer features cost time and add nothing to the geometry."""
 _MIN_ANGLE_DEG = 1.5
-"""Least angle between the rays to a point, COLMAP's own for points. For the first pair it asks for 16, and cameras that
-see a distant bridge from one bank stand closer together."""
+"""Least angle between the rays to a point [deg], COLMAP's default for points. Its default for the first pair is 16
+degrees, but cameras that see a distant bridge from one shore stand closer together."""
 _SEED = 0
 _HALF_PIXEL = 0.5
-"""COLMAP's image begins at (0, 0), ours half a pixel before the centre of the first pixel."""
+"""Shift of the pixel origin [px]: COLMAP has the image's corner at (0, 0), this package the first pixel's centre."""
 _ONLY_FATAL = 3
 _NO_LIMIT = 1e12
 """COLMAP drops cameras with a focal length or distortion coefficients above a limit, which long lenses exceed."""
@@ -57,16 +57,15 @@ class SfmCameras:
     BackendUnavailableError
         The package pycolmap is missing.
 
-    Notes
-    -----
-    Intrinsics and distortion stay at what is known of the lens: two views of one spot cannot tell the focal length,
-    and of more views all matches go on to the adjustment on site, which weighs them against the lens prior. Poses and
-    points refined here together with the focal length would use the same matches twice. For the same reason the
-    covariance of the result is the prior of that adjustment, with relative poses left free.
+    Notes ----- Intrinsics and distortion stay at what is known of the lens: two views of one place cannot tell the
+    focal length, and the matches of more views are used by the adjustment on site, which weighs them against the lens
+    prior. Poses and points refined here together with the focal length would use the same matches twice. For the same
+    reason the covariance of the result is the prior of that adjustment, with relative poses left free.
 
     References
     ----------
-    Schönberger and Frahm (2016), Structure-from-motion revisited, CVPR.
+    .. [1] Schönberger, J. L., Frahm, J.-M. (2016). Structure-from-motion revisited. IEEE Conference on Computer Vision
+       and Pattern Recognition.
     """
 
     name = "sfm"
@@ -81,14 +80,14 @@ class SfmCameras:
         self._matcher = features
 
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
-        """Rig with the tape's baseline, its prior covariance, and the matches that the bundle adjustment kept.
+        """Rig with the measured baseline, its prior covariance, and the matches that the bundle adjustment kept.
 
         Parameters
         ----------
         session
-            Lens priors and baseline.
+            Lens priors and baseline [m].
         frames
-            First frame of every view, in the session's order.
+            First frame of every view, shape (H, W), in the session's order.
 
         Raises
         ------
@@ -106,16 +105,16 @@ class SfmCameras:
                 raise CameraError(
                     f"sfm: view {name!r}: expected K without skew, got {camera.K[0, 1]}; use cameras = 'two-view'"
                 )
-        with TemporaryDirectory() as folder, _quiet(self._colmap):
+        with TemporaryDirectory() as folder, _silence(self._colmap):
             workspace = _Workspace(self._colmap, Path(folder), priors.cameras)
             if self._matcher is None:
                 workspace.match_sift(list(frames.values()))
             else:
                 workspace.add_matches(self._matcher.match(list(frames.values())))
-            found, agreeing = workspace.match_counts()
+            found, agreeing = workspace.count_matches()
             linked = [max(n for pair, n in agreeing.items() if view in pair) for view in range(len(frames))]
             model = workspace.reconstruct() if min(linked) >= MIN_INLIERS else None
-            return _estimate(priors, model, found, agreeing, too_few=min(linked) < MIN_INLIERS)
+            return _make_estimate(priors, model, found, agreeing, too_few=min(linked) < MIN_INLIERS)
 
 
 class _Workspace:
@@ -124,11 +123,11 @@ class _Workspace:
     Parameters
     ----------
     colmap
-        The module.
+        The module pycolmap.
     folder
-        Empty.
+        An empty folder.
     cameras
-        Intrinsics and distortion, one a view.
+        Intrinsics and distortion of the camera of each view.
     """
 
     def __init__(self, colmap: Any, folder: Path, cameras: Sequence[Camera]) -> None:
@@ -136,11 +135,17 @@ class _Workspace:
         self._images = [f"{view}.png" for view in range(len(cameras))]
         with colmap.Database.open(self._path) as database:
             for file, camera in zip(self._images, cameras, strict=True):
-                camera_id = database.write_camera(_colmap_camera(colmap, camera))
+                camera_id = database.write_camera(_make_colmap_camera(colmap, camera))
                 database.write_image(colmap.Image(name=file, camera_id=camera_id))
 
     def match_sift(self, images: Sequence[LumaArray]) -> None:
-        """Finds and matches features, and keeps the matches that agree with one pose of a pair."""
+        """Finds and matches features, and keeps the matches that agree with one pose of a pair.
+
+        Parameters
+        ----------
+        images
+            Luma of every view, shape (H, W), of any size in pixels.
+        """
         colmap = self._colmap
         for file, image in zip(self._images, images, strict=True):
             cv2.imwrite(str(self._folder / file), to_eight_bit(image))
@@ -150,10 +155,18 @@ class _Workspace:
         colmap.extract_features(
             self._path, self._folder, self._images, extraction_options=extraction, device=colmap.Device.cpu
         )
-        colmap.match_exhaustive(self._path, verification_options=self._verification(), device=colmap.Device.cpu)
+        colmap.match_exhaustive(
+            self._path, verification_options=self._make_verification_options(), device=colmap.Device.cpu
+        )
 
     def add_matches(self, matches: Mapping[tuple[int, int], tuple[FloatArray, FloatArray]]) -> None:
-        """Takes matched pixels by pair of views, and keeps those that agree with one pose of the pair."""
+        """Takes matches from elsewhere, and keeps those that agree with one pose of the pair.
+
+        Parameters
+        ----------
+        matches
+            Pixels in both views by pair of views, shape (N, 2) each [px].
+        """
         sides = [(view, points) for pair, both in matches.items() for view, points in zip(pair, both, strict=True)]
         with self._colmap.Database.open(self._path) as database:
             numbers: dict[int, np.ndarray[Any, Any]] = {}
@@ -167,10 +180,10 @@ class _Workspace:
                 rows = [numbers[k][start[k] : start[k] + len(points)] for k in (i, j)]
                 start[i], start[j] = start[i] + len(points), start[j] + len(points)
                 database.write_matches(i + 1, j + 1, np.column_stack(rows).astype(np.uint32))
-        self._colmap.geometric_verification(self._path, two_view_geometry_options=self._verification())
+        self._colmap.geometric_verification(self._path, two_view_geometry_options=self._make_verification_options())
 
-    def match_counts(self) -> tuple[dict[tuple[int, int], int], dict[tuple[int, int], int]]:
-        """By pair of views: how many matches there are, and how many of them agree with one pose."""
+    def count_matches(self) -> tuple[dict[tuple[int, int], int], dict[tuple[int, int], int]]:
+        """Number of matches of every pair of views, and number of those that agree with one pose."""
         found, agreeing = {}, {}
         with self._colmap.Database.open(self._path) as database:
             for i, j in combinations(range(len(self._images)), 2):
@@ -195,13 +208,13 @@ class _Workspace:
         whole = [model for model in models.values() if model.num_reg_images() == len(self._images)]
         return whole[0] if whole else None
 
-    def _verification(self) -> Any:
+    def _make_verification_options(self) -> Any:
         options = self._colmap.TwoViewGeometryOptions()
         options.ransac.random_seed = _SEED
         return options
 
 
-def _estimate(
+def _make_estimate(
     priors: CameraPriors,
     model: Any | None,
     found: Mapping[tuple[int, int], int],
@@ -216,7 +229,7 @@ def _estimate(
     if too_few:
         advice = f"every view needs {MIN_INLIERS} with another one; choose views that overlap more"
         return CameraEstimate(None, (), TOO_FEW_MATCHES, (*priors.notes, f"{counts}; {advice}"))
-    posed = _posed(priors.cameras, model) if model is not None else None
+    posed = _read_poses(priors.cameras, model) if model is not None else None
     if model is None or posed is None:
         advice = "state the lens of every view, or choose views with more overlap, depth and distance between them"
         return CameraEstimate(None, (), NOT_RECONSTRUCTED, (*priors.notes, f"{counts}; {advice}"))
@@ -224,10 +237,10 @@ def _estimate(
         f"structure from motion: {model.num_points3D()} points, mean reprojection error "
         f"{model.compute_mean_reprojection_error():.2f} px; {counts}"
     )
-    return CameraEstimate(priors.metric_rig(posed), _kept_matches(model, len(posed)), "ok", (*priors.notes, note))
+    return CameraEstimate(priors.metric_rig(posed), _read_matches(model, len(posed)), "ok", (*priors.notes, note))
 
 
-def _posed(cameras: Sequence[Camera], model: Any) -> tuple[Camera, ...] | None:
+def _read_poses(cameras: Sequence[Camera], model: Any) -> tuple[Camera, ...] | None:
     """The cameras with their poses, the first one the origin; ``None`` where the first two stand at one place."""
     moved = []
     for view, camera in enumerate(cameras):
@@ -237,7 +250,7 @@ def _posed(cameras: Sequence[Camera], model: Any) -> tuple[Camera, ...] | None:
     return rig.cameras if np.isfinite(rig.baseline()) and rig.baseline() > 0 else None
 
 
-def _kept_matches(model: Any, views: int) -> tuple[Matches, ...]:
+def _read_matches(model: Any, views: int) -> tuple[Matches, ...]:
     """Pixels of the reconstructed points, for every pair of views that shares some."""
     seen: dict[tuple[int, int], list[FloatArray]] = {}
     for point_id in sorted(model.point3D_ids()):
@@ -251,7 +264,7 @@ def _kept_matches(model: Any, views: int) -> tuple[Matches, ...]:
     return tuple(Matches(i, j, points[:, 0], points[:, 1]) for (i, j), points in pairs)
 
 
-def _colmap_camera(colmap: Any, camera: Camera) -> Any:
+def _make_colmap_camera(colmap: Any, camera: Camera) -> Any:
     """COLMAP's camera with our intrinsics and all five distortion coefficients, known beforehand."""
     K = camera.K
     centre = K[:2, 2] + _HALF_PIXEL
@@ -264,7 +277,7 @@ def _colmap_camera(colmap: Any, camera: Camera) -> Any:
 
 
 @contextmanager
-def _quiet(colmap: Any) -> Iterator[None]:
+def _silence(colmap: Any) -> Iterator[None]:
     """Holds back COLMAP's messages, which go to the terminal; its log has no other level than that of the process."""
     before = colmap.logging.minloglevel
     colmap.logging.minloglevel = _ONLY_FATAL

@@ -1,4 +1,4 @@
-"""What the camera stage hands on: adjusted cameras, axes and where every point lies in every view; ``cameras.toml``."""
+"""Result of the camera stage: adjusted cameras, axes and the points' places in every view; ``cameras.toml``."""
 
 import tomllib
 from collections.abc import Mapping
@@ -31,11 +31,11 @@ class CameraSolution:
     rig
         Metric rig; ``None`` when the images did not allow one, and then the status says why.
     frame
-        The structure's axes, if the two distances were measured.
+        The structure's axes in the reference camera's frame, if the two distances were measured.
     covariance
         Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when unknown.
     points
-        Points dataset: pixels in the first frame of every view, and why one is missing.
+        Points dataset: pixels in the first frame of every view, shape (V, P, 2) [px], and why one is missing.
     quantities, status, notes, epipolar_rms_px
         As in `vfm_sdm.stages.cameras.site.SiteAdjustment`.
     """
@@ -57,6 +57,8 @@ def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path
     ----------
     path
         File to write; replaced as a whole.
+    solution
+        Result of the camera stage, for V views and P points; pixels in px, lengths in metres.
     key
         Identifies the inputs of the stage, to tell later whether the file is still true.
 
@@ -89,6 +91,17 @@ def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path
 
 def read_solution(path: Path | str) -> tuple[CameraSolution, str]:
     """The solution and its key from ``cameras.toml``.
+
+    Parameters
+    ----------
+    path
+        A file of `write_solution`.
+
+    Returns
+    -------
+    solution, key
+        Result of the camera stage, for V views and P points, pixels in px and lengths in metres; and what identifies
+        its inputs.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Cameras from the first frames of two or more views, without a calibration object.
 
 The classical stand-in for the paper's section "VFM-based sparse-view camera parameter estimation": features on the
-first frames, a robust relative pose, and priors for everything that two views of one spot cannot tell.
+first frames, a robust relative pose, and priors for everything that two views of one place cannot tell.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,31 +33,29 @@ TOO_FEW_MATCHES = "too few matches between the views"
 NO_COMMON_SCALE = "too few points seen in three views"
 
 MIN_INLIERS = 30
-"""Matches that agree with one pose from which a pair of views counts as related."""
+"""Number of matches in agreement with one pose from which a pair of views counts as related."""
 
 
 class TwoViewCameras:
-    """Estimator ``two-view``.
+    """Estimator ``two-view``: robust relative poses of views from matched features.
 
-    Notes
-    -----
-    Every further view is related to the first by its matches; how far away it stands, beside the second, follows from
-    points that both see. The covariance of the result is the prior for the adjustment on site: focal length from the
-    lens, the camera's file or EXIF, principal point and radial distortion as nuisance parameters, and a relative pose
-    that is free.
+    Notes ----- Every further view is related to the first by its matches; its distance over that of the second view
+    follows from points that all three see. The covariance of the result is the prior for the adjustment on site: focal
+    length from the lens, the camera's file or EXIF, principal point and radial distortion as nuisance parameters, and a
+    relative pose that is free.
     """
 
     name = "two-view"
 
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
-        """Rig with the tape's baseline, its prior covariance, and the inlier matches.
+        """Rig with the measured baseline, its prior covariance, and the inlier matches.
 
         Parameters
         ----------
         session
-            Lens priors and baseline.
+            Lens priors and baseline [m].
         frames
-            First frame of every view, in the session's order.
+            First frame of every view, shape (H, W), in the session's order.
 
         Raises
         ------
@@ -94,9 +92,9 @@ class RelatedView:
     Parameters
     ----------
     camera
-        With its pose in the first camera's frame, at a distance of one.
+        The camera with its pose in the first camera's frame, at a distance of one baseline.
     matches
-        Features of both that agree with this pose.
+        Features of both views that agree with this pose.
     fault
         Why the two do not count as related, in a sentence; empty where they do.
     """
@@ -114,7 +112,7 @@ def relate_to_first(frames: Mapping[str, LumaArray], cameras: Sequence[Camera]) 
     frames
         Luma by view name, shape (H, W) each.
     cameras
-        Intrinsics and distortion of each.
+        Intrinsics and distortion of each [px, 1].
     """
     names, images = list(frames), list(frames.values())
     for index in range(1, len(images)):
@@ -155,21 +153,33 @@ def estimate_relative_pose(
     Parameters
     ----------
     points_first, points_second
-        Shape (N, 2) [px].
+        Matched pixels in the two views, shape (N, 2) [px].
     first, second
-        Intrinsics and distortion.
+        Intrinsics and distortion of the cameras.
 
     Returns
     -------
     cam2_from_cam1
-        Shape (3, 4).
+        Rotation and unit translation, shape (3, 4) [1].
     inliers
-        Shape (N,); all False when no pose was found.
+        Which matches agree, shape (N,); all False when no pose was found.
 
-    Notes
-    -----
-    LO-RANSAC over the five-point solver, as in PoseLib, on undistorted pixels. The threshold is wide (a thousandth of
-    the image width) because the focal lengths may still be some per cent off.
+    Notes ----- LO-RANSAC [2]_ over the five-point solver [1]_, as in PoseLib, on undistorted pixels. The threshold is
+    wide (a thousandth of the image width) because the focal lengths may still be some per cent off.
+
+    References ---------- .. [1] Nistér, D. (2004). An efficient solution to the five-point relative pose problem. IEEE
+    Transactions on Pattern
+       Analysis and Machine Intelligence 26(6), 756-770.
+    .. [2] Chum, O., Matas, J., Kittler, J. (2003). Locally optimized RANSAC. DAGM Symposium on Pattern Recognition.
+
+    Examples
+    --------
+    >>> first = Camera(np.array([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]]), (640, 480))
+    >>> second = Camera(first.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> points3d = np.random.default_rng(0).uniform([-3, -2, 10], [3, 2, 20], (50, 3))
+    >>> pose, inliers = estimate_relative_pose(first.project(points3d), second.project(points3d), first, second)
+    >>> bool(np.allclose(pose[:, 3], [-1, 0, 0], atol=1e-4)), int(inliers.sum())
+    (True, 50)
     """
     if len(points_first) < 8:
         return np.eye(3, 4), np.zeros(len(points_first), dtype=bool)
@@ -180,7 +190,7 @@ def estimate_relative_pose(
     ]
     pose, info = poselib.estimate_relative_pose(
         *pixels,
-        *(_poselib_camera(c) for c in (first, second)),
+        *(_make_poselib_camera(c) for c in (first, second)),
         {"max_epipolar_error": threshold, "max_iterations": 20000, "min_iterations": 500, "seed": 0},
         {},
     )
@@ -192,7 +202,8 @@ def estimate_relative_pose(
     return np.column_stack([np.asarray(pose.R), translation / length]), inliers
 
 
-def _poselib_camera(camera: Camera) -> dict[str, object]:
+def _make_poselib_camera(camera: Camera) -> dict[str, object]:
+    """PoseLib's camera with the intrinsics of ours [px], without distortion."""
     width, height = camera.image_size
     K = camera.K
     return {"model": "PINHOLE", "width": width, "height": height, "params": [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]}

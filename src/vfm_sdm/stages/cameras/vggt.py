@@ -24,7 +24,8 @@ __all__ = ["NOT_A_CAMERA", "ONE_PLACE", "VggtCameras"]
 NOT_A_CAMERA = "VGGT gave no field of view or no rotation"
 ONE_PLACE = "VGGT put the first two cameras in one place"
 _FOCAL_STD, _ROTATION_STD_RAD, _POSITION_STD = 0.05, 0.035, 0.1
-"""How far VGGT may be off: focal length (relative), rotation, position over the baseline. Assumptions; not measured."""
+"""Standard deviations of VGGT's focal length (relative), rotation, and position over the baseline; assumed, not
+measured."""
 _MIN_BASELINE = 1e-3  # in VGGT's unit, the mean distance of what it sees: half a pixel of its images
 
 
@@ -34,7 +35,7 @@ class VggtCameras:
     Parameters
     ----------
     network
-        Which weights, and where they run.
+        Weights, device and precision.
 
     Raises
     ------
@@ -64,7 +65,7 @@ class VggtCameras:
         return VggtInference.load(str(self.weights), device=where.device, precision=where.precision, camera=True)
 
     def estimate(self, session: Session, frames: FirstFrames) -> CameraEstimate:
-        """Rig with the tape's baseline, prior covariance, and matches that agree with a pose; views in any number.
+        """Rig with the measured baseline, its prior covariance, and matches that agree with a pose.
 
         Parameters
         ----------

@@ -8,7 +8,7 @@ from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 __all__ = ["AMBIGUITY_MARGIN", "DISTINCT_PX", "correlation_peaks", "cut_subset", "has_rival"]
 
 AMBIGUITY_MARGIN = 0.05
-"""Two places are as good as one another when their correlations differ by less."""
+"""Two places are equally good when their correlations differ by less."""
 DISTINCT_PX = 2.0
 """Registrations that end closer to each other found the same place [px]."""
 _SEPARATION_PX = 2  # two peaks are told apart when neither lies within this of the other

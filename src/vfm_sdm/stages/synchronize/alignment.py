@@ -28,7 +28,7 @@ def align_views(
     Parameters
     ----------
     tracks_by_view
-        One tracks dataset a view, with the same points in the same order.
+        One tracks dataset of every view, shape (T, P, 2) [px], with the same points in the same order.
     offsets_s
         Seconds by which a view's first frame happens later than the reference view's first frame; of an estimate:
         `Synchronization.offset_s`. This is the opposite sign of a lag: an event shows up earlier in a late recording.
@@ -39,8 +39,8 @@ def align_views(
     Returns
     -------
     tracks
-        With leading dim ``view``; only the time that all views share. Attribute ``resampled`` names the views whose
-        positions were interpolated.
+        Tracks with the leading dim ``view``, shape (V, T', P, 2) [px]; only the time that all views share. Attribute
+        ``resampled`` names the views whose positions were interpolated.
 
     Raises
     ------
@@ -53,6 +53,19 @@ def align_views(
     interpolated by splines over runs of valid samples, which keep amplitudes to 0.05 % up to 0.4 of the Nyquist
     frequency (`interpolate_runs`); a sample next to a gap becomes NaN (lost) instead of being extrapolated. The
     covariances are interpolated too, as if that averaged no noise: errors of compression are not white in time.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> def tracks(start_s):
+    ...     time_s = start_s + np.arange(90) / 30
+    ...     position = np.sin(2 * np.pi * time_s)[:, None, None] * np.ones(2)
+    ...     covariance = np.tile(np.eye(2), (90, 1, 1, 1))
+    ...     return make_tracks(time_s - start_s, ["a"], position, covariance, np.zeros((90, 1)), attrs={})
+    >>> aligned = align_views({"left": tracks(0.0), "right": tracks(0.5)}, {"right": 0.5})
+    >>> apart = aligned["position"].sel(view="right") - aligned["position"].sel(view="left")
+    >>> aligned.sizes["time"], bool(abs(apart).max() < 1e-3)
+    (75, True)
     """
     names = list(tracks_by_view)
     reference = check_tracks(tracks_by_view[names[0]])
@@ -79,7 +92,7 @@ def align_views(
         )
     aligned, resampled = [], []
     for name, tracks in tracks_by_view.items():
-        part, changed = _on_clock(tracks, clocks[name], clock, slack)
+        part, changed = _move_to_clock(tracks, clocks[name], clock, slack)
         aligned.append(part)
         resampled += [name] if changed else []
     combined = xr.concat(aligned, dim="view", join="exact", combine_attrs="drop_conflicts")
@@ -88,7 +101,7 @@ def align_views(
     return check_tracks(combined, synchronized=True)
 
 
-def _on_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack: float) -> tuple[xr.Dataset, bool]:
+def _move_to_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack: float) -> tuple[xr.Dataset, bool]:
     """The tracks at the wanted times, and whether that took interpolation."""
     nearest = np.clip(np.searchsorted(have, want - slack), 0, have.size - 1)
     if np.all(np.abs(have[nearest] - want) <= slack):

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.stages.synchronize.refinement import LagRefiner, RefinedLag
+from vfm_sdm.stages.synchronize.subsample import SubsampleEstimator, SubsampleLag
 
 __all__ = ["Drift", "estimate_drift"]
 
@@ -20,43 +20,46 @@ class Drift:
     """A lag that grows steadily."""
 
     lag_s: float
-    """At ``at_s``, where it is independent of the slope."""
+    """The lag at ``at_s``, where it is independent of the slope [s]."""
     lag_std_s: float
+    """Standard deviation of that lag [s]."""
     slope: float
-    """Seconds of lag a second of the first clock."""
+    """Seconds of lag a second of the first clock [1]."""
     slope_std: float
+    """Standard deviation of the slope [1]."""
     at_s: float
+    """Time on the first clock that the lag belongs to [s]."""
 
 
-def estimate_drift(refiner: LagRefiner, start: RefinedLag) -> Drift | None:
+def estimate_drift(estimator: SubsampleEstimator, start: SubsampleLag) -> Drift | None:
     """Lag and its growth over a long recording, by a weighted line through the lags of windows.
 
     Parameters
     ----------
-    refiner
-        Of the two recordings.
+    estimator
+        Estimator for the two recordings.
     start
-        The lag of the recording as a whole.
+        Lag of the recording as a whole [s].
 
     Returns
     -------
     drift
-        ``None`` below a minute of common time, or with motion in fewer than three windows.
+        Lag [s] and slope [1]; ``None`` below a minute of common time, or with motion in fewer than three windows.
 
     Notes
     -----
     Windows are taken from the middle outwards, each started at the lag of its neighbour. Standard deviations grow by
     the root of the line's reduced chi-square where that is above 1.
     """
-    first, second = refiner.first, refiner.second
+    first, second = estimator.first, estimator.second
     begin = max(first.time_s[0], second.time_s[0] - start.lag_s)
     end = min(first.time_s[-1], second.time_s[-1] - start.lag_s)
     if end - begin < _SHORTEST_S:
         return None
     edges = np.linspace(begin, end, int((end - begin) / _WINDOW_S) + 1)
     middle = (edges.size - 1) // 2
-    fits = _walk(refiner, start.lag_s, edges[middle:])
-    fits += _walk(refiner, fits[0].lag_s if fits else start.lag_s, edges[middle::-1])
+    fits = _follow_windows(estimator, start.lag_s, edges[middle:])
+    fits += _follow_windows(estimator, fits[0].lag_s if fits else start.lag_s, edges[middle::-1])
     if len(fits) < _FEWEST_WINDOWS:
         return None
     at, lag, std = (np.array([getattr(fit, name) for fit in fits]) for name in ("at_s", "lag_s", "lag_std_s"))
@@ -70,12 +73,12 @@ def estimate_drift(refiner: LagRefiner, start: RefinedLag) -> Drift | None:
     return Drift(level, factor / float(np.sqrt(weight.sum())), slope, factor / float(np.sqrt(spread)), centre)
 
 
-def _walk(refiner: LagRefiner, lag_s: float, edges: FloatArray) -> list[RefinedLag]:
+def _follow_windows(estimator: SubsampleEstimator, lag_s: float, edges: FloatArray) -> list[SubsampleLag]:
     """Lags of successive windows, each started at the one before; windows without a clear lag are left out."""
     fits = []
     for one, other in pairwise(edges):
-        fit = refiner.refine(lag_s, (min(one, other), max(one, other)))
-        if fit.converged and 0 < fit.lag_std_s < 0.5 / refiner.first.rate_hz:
+        fit = estimator.estimate(lag_s, (min(one, other), max(one, other)))
+        if fit.converged and 0 < fit.lag_std_s < 0.5 / estimator.first.rate_hz:
             fits.append(fit)
             lag_s = fit.lag_s
     return fits

@@ -1,4 +1,4 @@
-"""The lag between two recordings of one motion: searched widely, refined, judged."""
+"""The lag between two recordings of one motion: searched widely, estimated to a fraction of a sample, judged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ from scipy.stats import chi2
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize.clock_rate import estimate_drift
-from vfm_sdm.stages.synchronize.refinement import LagRefiner, RefinedLag
 from vfm_sdm.stages.synchronize.search import Group, compute_dependence
 from vfm_sdm.stages.synchronize.signals import Signal, check_signal, prepare_signal, sampling_rate
+from vfm_sdm.stages.synchronize.subsample import SubsampleEstimator, SubsampleLag
 
 __all__ = ["LagStatus", "Synchronization", "estimate_lag"]
 
@@ -21,9 +21,9 @@ _HIGHEST_SHARE = 0.25
 _SHORTEST_OVERLAP_S = 3.0
 _SHORTEST_OVERLAP = 0.3
 """Share of the shorter recording that must overlap the other at a lag worth considering."""
-_REFINED_PEAKS = 12
+_ESTIMATED_PEAKS = 12
 _REACH = 1.5
-"""Samples between a peak of the search and its refined place; farther is another peak."""
+"""Samples between a peak of the search and its estimated place; what lies farther away is another peak."""
 _TIE = 3.0
 """Standard deviations by which a peak must be better than the next."""
 _CHANCE = 1e-3
@@ -37,13 +37,13 @@ _PRIOR_PREFERENCE = 9.0
 
 
 class LagStatus:
-    """What a lag is worth; every status but `OK` comes with a lag of NaN."""
+    """Whether a lag can be used, or why there is none; every status but `OK` comes with a lag of NaN."""
 
     OK = "ok"
     NOT_UNIQUE = "peak not unique"
     """Other lags explain the recordings as well within the noise, as with periodic motion; see ``candidates``."""
     NO_MOTION = "no common motion"
-    """At no lag of the search are the recordings more alike than unrelated noise is: still, or another motion."""
+    """At no lag of the search are the recordings more alike than unrelated noise is: nothing moves, or not the same."""
     TOO_SHORT = "too short"
     """No lag of the search leaves enough common samples."""
     TOO_SLOW = "too few samples a second for the band"
@@ -61,6 +61,7 @@ class Synchronization:
     lag_s: float
     """Seconds by which an event at ``at_s`` shows up later in the second recording, each on its own clock."""
     lag_std_s: float
+    """Standard deviation of the lag [s]."""
     correlation: float
     """Root of the share of the second motion's variance in the band that the first explains at this lag."""
     status: str
@@ -106,29 +107,29 @@ def estimate_lag(
     Parameters
     ----------
     time_a, time_b
-        Own clocks, shapes (Ta,) and (Tb,) [s]; rates may differ.
+        Time stamps of the recordings, each on its own clock, shapes (Ta,) and (Tb,) [s]; rates may differ.
     values_a, values_b
-        Shapes (Ta, Ca) and (Tb, Cb), any units; NaN where missing.
+        Ca and Cb channels of any units, shapes (Ta, Ca) and (Tb, Cb); NaN where missing.
     search_s
-        Lags up to this far from the start value are considered.
+        Lags up to this far from the start value are considered [s].
     start_lag_s
-        Centre of the search.
+        Centre of the search [s].
     start_std_s
-        Standard deviation of the start value, where it is known (absolute time stamps): narrows the search to four of
-        it, and decides between peaks that are equally good.
+        Standard deviation of the start value [s], where it is known (absolute time stamps): it narrows the search to
+        four times its value, and decides between peaks that are equally good.
     groups
         Pairs of channel numbers, of a and of b, that are compared together, such as (u, v) of one point in two views.
-        Without, all of a against all of b.
+        Without them, all channels of a are compared with all of b.
     positive_gain
         Both sides of a group have the same channels in the same order, and on the whole these cannot be negatively
         related (same axes, same signs).
     band_hz
-        Band of interest. The upper end is at most a quarter of the lower sampling rate.
+        Band of interest [Hz]. The upper end is at most a quarter of the lower sampling rate.
 
     Returns
     -------
     synchronization
-        With NaN and a named status where the recordings do not say.
+        The lag [s] and what is known of it; NaN and a named status where the recordings do not tell it.
 
     Raises
     ------
@@ -144,12 +145,26 @@ def estimate_lag(
     Two peaks are compared by their mean log generalised residual variance. For residuals of n independent samples in q
     channels, its difference between two lags scatters by at most 2 sqrt(q / n); three times that makes a peak unique.
 
-    A lag of whole samples is found first, by Fourier transforms, and then refined (`LagRefiner`). Noise in a weakens
-    M but does not shift the lag. Motion that only one side sees shifts it where it is coherent with the seen motion a
-    quarter period apart, by at most about arctan(ratio) / (2 pi f); channels that it disturbs weigh less.
+    A lag of whole samples is found first, by Fourier transforms, and then estimated to a fraction of a sample
+    (`SubsampleEstimator`). Noise in a weakens M but does not shift the lag. Motion that only one side sees shifts it
+    where it is coherent with the seen motion a quarter period apart, by at most about arctan(ratio) / (2 pi f);
+    channels that it disturbs weigh less.
 
     For a common time over a minute the ratio of the clock rates is estimated from windows (`estimate_drift`); the two
     clocks must agree so well that the drift over the recording stays under a quarter period of the motion.
+
+    References
+    ----------
+    .. [1] Hotelling, H. (1936). Relations between two sets of variates. Biometrika 28(3/4), 321-377.
+
+    Examples
+    --------
+    >>> time_s = np.arange(600) / 30
+    >>> def seen(t):
+    ...     return np.sin(2 * np.pi * 1.7 * t) + np.sin(2 * np.pi * (1 + 0.05 * t) * t)
+    >>> found = estimate_lag(time_s, seen(time_s)[:, None], time_s, seen(time_s - 0.125)[:, None], search_s=1)
+    >>> found.ok, round(found.lag_s, 3)
+    (True, 0.125)
     """
     time_a, values_a = check_signal(np.asarray(time_a), np.asarray(values_a), "a")
     time_b, values_b = check_signal(np.asarray(time_b), np.asarray(values_b), "b")
@@ -164,43 +179,51 @@ def estimate_lag(
     if not 0 < band_hz[0] < band_hz[1]:
         raise DatasetError(f"band_hz: expected 0 < low < high, got {band_hz}; correct it")
     if not band[0] < band[1]:
-        return _failed(LagStatus.TOO_SLOW)
+        return _report_failure(LagStatus.TOO_SLOW)
     first = prepare_signal(time_a, values_a, rate_hz=max(rates), band_hz=band)
     second = prepare_signal(time_b, values_b, rate_hz=max(rates), band_hz=band)
     if start_std_s is not None:
         # A peak is seen only with its neighbours, however well the start is known.
         search_s = min(search_s, max(_PRIOR_REACH * start_std_s, _LEAST_SEARCH / min(rates)))
-    lags, dependence = _search(first, second, groups, start_lag_s, search_s, positive_gain)
+    lags, dependence = _search_lags(first, second, groups, start_lag_s, search_s, positive_gain)
     if not np.isfinite(dependence).any():
-        return _failed(LagStatus.TOO_SHORT)
+        return _report_failure(LagStatus.TOO_SHORT)
     sizes = len(groups[0][0]), len(groups[0][1])
-    refiner = LagRefiner(first, second, groups)
-    refined = _refine_peaks(refiner, lags, dependence, sizes[1])
-    at_edge = int(np.nanargmax(dependence)) not in _peaks(dependence)
-    if not refined:
+    estimator = SubsampleEstimator(first, second, groups)
+    estimated = _estimate_peaks(estimator, lags, dependence, sizes[1])
+    at_edge = int(np.nanargmax(dependence)) not in _find_peaks(dependence)
+    if not estimated:
         still = not np.nanmax(dependence) > 0
-        return _failed(LagStatus.NO_MOTION if still else LagStatus.AT_EDGE if at_edge else LagStatus.NOT_CONVERGED)
-    best = refined[0]
+        return _report_failure(
+            LagStatus.NO_MOTION if still else LagStatus.AT_EDGE if at_edge else LagStatus.NOT_CONVERGED
+        )
+    best = estimated[0]
     if not _is_related(best, sizes[0] * sizes[1], 2 * band[1] * lags.size / first.rate_hz):
-        return _failed(LagStatus.NO_MOTION, best.correlation)
+        return _report_failure(LagStatus.NO_MOTION, best.correlation)
     if at_edge and np.nanmax(dependence) > best.dependence:
-        return _failed(LagStatus.AT_EDGE, best.correlation)
-    return _chosen(refiner, refined, sizes[1], start_lag_s, start_std_s)
+        return _report_failure(LagStatus.AT_EDGE, best.correlation)
+    return _judge_peaks(estimator, estimated, sizes[1], start_lag_s, start_std_s)
 
 
-def _chosen(
-    refiner: LagRefiner, refined: Sequence[RefinedLag], channels: int, start_s: float, start_std_s: float | None
+def _judge_peaks(
+    estimator: SubsampleEstimator,
+    estimated: Sequence[SubsampleLag],
+    channels: int,
+    start_s: float,
+    start_std_s: float | None,
 ) -> Synchronization:
     """The peak that stands out, with the ratio of the clock rates where it can be told."""
-    chosen, candidates = _choose(refined, channels, start_s, start_std_s)
+    chosen, candidates = _choose_peak(estimated, channels, start_s, start_std_s)
     if chosen is None:
-        return _failed(LagStatus.NOT_UNIQUE, refined[0].correlation, candidates)
-    return _with_clock_rate(refiner, chosen, candidates)
+        return _report_failure(LagStatus.NOT_UNIQUE, estimated[0].correlation, candidates)
+    return _with_clock_rate(estimator, chosen, candidates)
 
 
-def _with_clock_rate(refiner: LagRefiner, chosen: RefinedLag, candidates: tuple[float, ...]) -> Synchronization:
+def _with_clock_rate(
+    estimator: SubsampleEstimator, chosen: SubsampleLag, candidates: tuple[float, ...]
+) -> Synchronization:
     """The lag that was chosen, freed from drift where the recording is long enough to see it."""
-    drift = estimate_drift(refiner, chosen)
+    drift = estimate_drift(estimator, chosen)
     if drift is None:
         return Synchronization(
             chosen.lag_s, chosen.lag_std_s, chosen.correlation, LagStatus.OK, at_s=chosen.at_s, candidates=candidates
@@ -217,7 +240,7 @@ def _with_clock_rate(refiner: LagRefiner, chosen: RefinedLag, candidates: tuple[
     )
 
 
-def _search(
+def _search_lags(
     first: Signal, second: Signal, groups: Sequence[Group], start_s: float, search_s: float, positive_gain: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Lags of the search, whole samples apart, and the dependence there; NaN where too little overlaps."""
@@ -232,49 +255,51 @@ def _search(
     return ahead + steps / rate, np.where(samples >= shortest, dependence, np.nan)
 
 
-def _peaks(dependence: FloatArray) -> list[int]:
+def _find_peaks(dependence: FloatArray) -> list[int]:
     """Places higher than both neighbours, the highest first."""
     inner = dependence[1:-1]
     tops = np.flatnonzero((inner > dependence[:-2]) & (inner >= dependence[2:])) + 1
     return [int(top) for top in tops[np.argsort(-dependence[tops])]]
 
 
-def _refine_peaks(refiner: LagRefiner, lags: FloatArray, dependence: FloatArray, channels: int) -> list[RefinedLag]:
-    """The peaks that may be the best, refined; the best first."""
-    tops = _peaks(dependence)
-    refined: list[RefinedLag] = []
+def _estimate_peaks(
+    estimator: SubsampleEstimator, lags: FloatArray, dependence: FloatArray, channels: int
+) -> list[SubsampleLag]:
+    """The peaks that may be the best, each to a fraction of a sample; the best first."""
+    tops = _find_peaks(dependence)
+    estimated: list[SubsampleLag] = []
     lowest = -np.inf
-    for top in tops[:_REFINED_PEAKS]:
+    for top in tops[:_ESTIMATED_PEAKS]:
         if dependence[top] < lowest:
             break
-        fit = refiner.refine(float(lags[top]))
-        if not (fit.converged and abs(fit.lag_s - lags[top]) < _REACH / refiner.first.rate_hz):
+        fit = estimator.estimate(float(lags[top]))
+        if not (fit.converged and abs(fit.lag_s - lags[top]) < _REACH / estimator.first.rate_hz):
             continue
-        if not refined:
+        if not estimated:
             # A peak as good, but half-way between two samples, is on the grid no lower than this one's neighbours.
             lowest = min(dependence[top - 1], dependence[top + 1]) - _tie_limit(fit, fit, channels)
-        refined.append(fit)
-    return sorted(refined, key=lambda fit: -fit.dependence)
+        estimated.append(fit)
+    return sorted(estimated, key=lambda fit: -fit.dependence)
 
 
-def _tie_limit(one: RefinedLag, other: RefinedLag, channels: int) -> float:
+def _tie_limit(one: SubsampleLag, other: SubsampleLag, channels: int) -> float:
     """Difference in dependence that noise may cause between two lags."""
     return float(_TIE * 2 * np.sqrt(channels / max(min(one.independent_samples, other.independent_samples), 1.0)))
 
 
-def _is_related(fit: RefinedLag, parameters: int, trials: float) -> bool:
+def _is_related(fit: SubsampleLag, parameters: int, trials: float) -> bool:
     """Whether noise alone would hardly explain this much at the best of so many lags."""
     limit = float(chi2.isf(_CHANCE / max(trials, 1.0), parameters))
     return fit.dependence * fit.independent_samples > limit
 
 
-def _choose(
-    refined: Sequence[RefinedLag], channels: int, start_s: float, start_std_s: float | None
-) -> tuple[RefinedLag | None, tuple[float, ...]]:
+def _choose_peak(
+    estimated: Sequence[SubsampleLag], channels: int, start_s: float, start_std_s: float | None
+) -> tuple[SubsampleLag | None, tuple[float, ...]]:
     """The peak that stands out, by itself or by its start value; and all that are about as good."""
-    best = refined[0]
-    tied: list[RefinedLag] = []
-    for fit in refined:
+    best = estimated[0]
+    tied: list[SubsampleLag] = []
+    for fit in estimated:
         known = any(abs(fit.lag_s - other.lag_s) < 3 * max(fit.lag_std_s, other.lag_std_s, 1e-4) for other in tied)
         if best.dependence - fit.dependence <= _tie_limit(best, fit, channels) and not known:
             tied.append(fit)
@@ -288,13 +313,13 @@ def _choose(
     return (ranked[0] if next_near - near > _PRIOR_PREFERENCE else None), candidates
 
 
-def _failed(status: str, correlation: float = np.nan, candidates: tuple[float, ...] = ()) -> Synchronization:
-    """No lag, and why."""
+def _report_failure(status: str, correlation: float = np.nan, candidates: tuple[float, ...] = ()) -> Synchronization:
+    """A result without a lag that names the reason."""
     return Synchronization(np.nan, np.nan, correlation, status, np.nan, candidates=candidates)
 
 
 def _check_options(groups: Sequence[Group], channels_a: int, channels_b: int, positive_gain: bool) -> None:
-    """Refuse groups that have no meaning."""
+    """Refuses groups that have no meaning."""
     for group_a, group_b in groups:
         numbers = {*range(channels_a)}, {*range(channels_b)}
         if not group_a or not group_b or not {*group_a} <= numbers[0] or not {*group_b} <= numbers[1]:

@@ -17,7 +17,30 @@ Group = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 def group_samples(signal: Signal, channels: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Values (T, C) and validity (T,), 1 where all the group's channels are valid."""
+    """Samples of a group of channels, and where all of them are valid.
+
+    Parameters
+    ----------
+    signal
+        Motion in a band, T samples.
+    channels
+        Numbers of the C channels of the group.
+
+    Returns
+    -------
+    values
+        Shape (T, C), in the unit of the signal; zero where not valid.
+    valid
+        Shape (T,) [1]: 1 where all the group's channels are valid, else 0.
+
+    Examples
+    --------
+    >>> valid = np.array([[True, True], [True, False]])
+    >>> signal = Signal(0.0, 30.0, np.array([[1.0, 2.0], [3.0, 0.0]]), valid)
+    >>> values, together = group_samples(signal, [0, 1])
+    >>> values.tolist(), together.tolist()
+    ([[1.0, 2.0], [0.0, 0.0]], [1.0, 0.0])
+    """
     picked = list(channels)
     together = signal.valid[:, picked].all(axis=1).astype(float)
     return signal.values[:, picked] * together[:, None], together
@@ -31,15 +54,25 @@ def log_explained(
     Parameters
     ----------
     own_a, own_b, cross
-        Sums of products, shapes (..., p, p), (..., q, q) and (..., p, q).
+        Sums of products of a and a, b and b, a and b, in any units, shapes (..., p, p), (..., q, q) and (..., p, q).
     positive_gain
-        The channels of a group belong together one by one, and where they are negatively related on the whole, they
-        explain nothing.
+        Whether the channels of a group belong together one by one; where they are negatively related on the whole, they
+        then explain nothing.
 
     Returns
     -------
     explained
-        Shape (...,), minus the sum of log(1 - r^2) over the canonical correlations r.
+        Minus the sum of log(1 - r^2) over the canonical correlations r, shape (...) [1].
+
+    References
+    ----------
+    .. [1] Hotelling, H. (1936). Relations between two sets of variates. Biometrika 28(3/4), 321-377.
+
+    Examples
+    --------
+    >>> own = np.array([[1.0]])
+    >>> round(float(log_explained(own, own, np.array([[0.8]]))), 4)
+    1.0217
     """
     p, q = cross.shape[-2:]
     # The floor keeps motion along one line, or without noise, invertible.
@@ -66,24 +99,36 @@ def compute_dependence(
     Parameters
     ----------
     first, second
-        Signals of one rate.
+        Signals of one rate, Ta and Tb samples.
     groups
-        Channels compared together.
+        Channels that are compared together.
     steps
-        Shifts, shape (K,): sample i of the first meets sample i + step of the second.
+        Shifts, shape (K,) [samples]: sample i of the first meets sample i + step of the second.
+    positive_gain
+        As in `log_explained`.
 
     Returns
     -------
     dependence
-        `log_explained` of the samples that meet, mean over the groups by their number of samples, shape (K,).
+        `log_explained` of the samples that meet, mean over the groups by their number of samples, shape (K,) [1].
     samples
-        Samples that meet, mean over the groups, shape (K,).
+        Number of samples that meet, mean over the groups, shape (K,) [1].
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(size=(400, 1))
+    >>> valid = np.ones((390, 1), dtype=bool)
+    >>> first, second = Signal(0.0, 30.0, noise[10:], valid), Signal(0.0, 30.0, noise[:-10], valid)
+    >>> steps = np.arange(-20, 21)
+    >>> dependence, _ = compute_dependence(first, second, [((0,), (0,))], steps, positive_gain=False)
+    >>> int(steps[dependence.argmax()])
+    10
     """
     length = fft.next_fast_len(len(first.values) + len(second.values), real=True)
     dependence, samples = np.zeros(steps.size), np.zeros(steps.size)
 
-    def meet(spectrum_a: ComplexArray, spectrum_b: ComplexArray) -> FloatArray:
-        """Sums over i of a[i] b[i + step]; spectra (F, ...) to (K, ...)."""
+    def sum_products(spectrum_a: ComplexArray, spectrum_b: ComplexArray) -> FloatArray:
+        """Sums over i of a[i] b[i + step], shape (K, ...), from spectra, shape (F, ...)."""
         return np.asarray(fft.irfft(np.conj(spectrum_a) * spectrum_b, length, axis=0)[steps])
 
     for channels_a, channels_b in groups:
@@ -91,11 +136,11 @@ def compute_dependence(
         b, valid_b = group_samples(second, channels_b)
         spectrum_a, spectrum_b = fft.rfft(a, length, axis=0), fft.rfft(b, length, axis=0)
         there_a, there_b = fft.rfft(valid_a, length)[:, None, None], fft.rfft(valid_b, length)[:, None, None]
-        count = meet(there_a, there_b)[:, 0, 0]
+        count = sum_products(there_a, there_b)[:, 0, 0]
         explained = log_explained(
-            meet(fft.rfft(a[:, :, None] * a[:, None, :], length, axis=0), there_b),
-            meet(there_a, fft.rfft(b[:, :, None] * b[:, None, :], length, axis=0)),
-            meet(spectrum_a[:, :, None], spectrum_b[:, None, :]),
+            sum_products(fft.rfft(a[:, :, None] * a[:, None, :], length, axis=0), there_b),
+            sum_products(there_a, fft.rfft(b[:, :, None] * b[:, None, :], length, axis=0)),
+            sum_products(spectrum_a[:, :, None], spectrum_b[:, None, :]),
             positive_gain=positive_gain,
         )
         dependence += count * np.where(count >= 1, explained, 0.0)

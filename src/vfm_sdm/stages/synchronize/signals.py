@@ -24,26 +24,42 @@ class Signal:
     """Motion in a band on a uniform clock."""
 
     start_s: float
-    """Time of the first sample."""
+    """Time of the first sample [s]."""
     rate_hz: float
+    """Samples a second [Hz]."""
     values: FloatArray
-    """Shape (T, C), zero mean in the band; 0 where not valid."""
+    """Motion of C channels in any units, shape (T, C), zero mean in the band; 0 where not valid."""
     valid: BoolArray
-    """Shape (T, C)."""
+    """Which samples are known, shape (T, C)."""
 
     @property
     def time_s(self) -> FloatArray:
-        """The clock, shape (T,)."""
+        """Time stamps of the samples, shape (T,) [s]."""
         return np.asarray(self.start_s + np.arange(len(self.values)) / self.rate_hz)
 
 
 def check_signal(time_s: FloatArray, values: FloatArray, name: str) -> tuple[FloatArray, FloatArray]:
-    """Time stamps (T,) and values (T, C) as arrays.
+    """Time stamps and values of a recording as arrays.
+
+    Parameters
+    ----------
+    time_s
+        Increasing time stamps, shape (T,) [s].
+    values
+        C channels in any units, shape (T, C).
+    name
+        Name of the recording in messages.
 
     Raises
     ------
     DatasetError
         Shapes disagree, the stamps are not finite and increasing, or there are fewer than four.
+
+    Examples
+    --------
+    >>> time_s, values = check_signal(np.arange(4) / 30, np.zeros((4, 2)), "left")
+    >>> time_s.shape, values.shape
+    ((4,), (4, 2))
     """
     time_s = as_float_array(time_s, f"time of {name}", (None,))
     values = as_float_array(values, f"values of {name}", (time_s.size, None))
@@ -53,7 +69,18 @@ def check_signal(time_s: FloatArray, values: FloatArray, name: str) -> tuple[Flo
 
 
 def sampling_rate(time_s: FloatArray) -> float:
-    """Samples a second, from the median step."""
+    """Samples a second, from the median step [Hz].
+
+    Parameters
+    ----------
+    time_s
+        Increasing time stamps, shape (T,) [s].
+
+    Examples
+    --------
+    >>> round(sampling_rate(np.array([0.0, 0.02, 0.04, 0.1])), 6)
+    50.0
+    """
     return float(1 / np.median(np.diff(time_s)))
 
 
@@ -63,17 +90,25 @@ def prepare_signal(time_s: FloatArray, values: FloatArray, *, rate_hz: float, ba
     Parameters
     ----------
     time_s, values
-        Shapes (T,) [s] and (T, C), NaN where missing.
+        Time stamps, shape (T,) [s], and C channels in any units, shape (T, C); NaN where missing.
     rate_hz
-        Rate of the uniform clock.
+        Rate of the uniform clock [Hz].
     band_hz
-        Frequencies where the filter passes 71 %.
+        Frequencies where the filter passes 71 % [Hz].
 
     Notes
     -----
     The band-pass is the difference of two means under Gaussian weights, a short and a long one. Both are taken over
     the valid samples only, so that a gap needs no filling; samples with too little around them are not valid after it.
     The filter is symmetric in time: it shifts nothing.
+
+    Examples
+    --------
+    >>> time_s = np.arange(300) / 30
+    >>> values = 5.0 + np.sin(2 * np.pi * 3 * time_s)
+    >>> signal = prepare_signal(time_s, values[:, None], rate_hz=30.0, band_hz=(0.5, 12.0))
+    >>> signal.values.shape, bool(abs(signal.values[signal.valid].mean()) < 0.01)
+    ((300, 1), True)
     """
     count = int(np.floor((time_s[-1] - time_s[0]) * rate_hz + 1e-6)) + 1
     grid = time_s[0] + np.arange(count) / rate_hz

@@ -7,8 +7,8 @@ import xarray as xr
 
 from vfm_sdm.inputs.session import Session, View
 from vfm_sdm.stages.synchronize.alignment import align_views
+from vfm_sdm.stages.synchronize.dataset_lags import synchronize_views
 from vfm_sdm.stages.synchronize.lag import LagStatus, Synchronization
-from vfm_sdm.stages.synchronize.recordings import synchronize_views
 
 __all__ = ["STATED", "synchronize_tracks"]
 

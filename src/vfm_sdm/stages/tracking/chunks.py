@@ -19,12 +19,12 @@ _LEAST_FRAMES = 8
 
 @dataclass(frozen=True)
 class ChunkPlan:
-    """How a recording is cut.
+    """Settings of the chunks that a recording is cut into.
 
     Parameters
     ----------
     frames
-        Of a chunk.
+        Frames of a chunk.
     overlap
         Frames that a chunk shares with the one before, where its first frame is one of them. Zero: every chunk begins
         with the reference frame instead, so that errors of one chunk do not enter the next.
@@ -39,7 +39,18 @@ class ChunkPlan:
         return self.overlap == 0
 
     def within(self, frames: int) -> "ChunkPlan":
-        """The same with at most so many frames, of which the same share overlaps; never fewer than eight."""
+        """The settings with a bounded number of frames, of which the same share overlaps.
+
+        Parameters
+        ----------
+        frames
+            Largest number of frames of a chunk; a chunk has never fewer than eight.
+
+        Examples
+        --------
+        >>> ChunkPlan(144, overlap=32).within(72)
+        ChunkPlan(frames=72, overlap=16)
+        """
         fewer = min(self.frames, max(frames, _LEAST_FRAMES))
         return replace(self, frames=fewer, overlap=-(-self.overlap * fewer // self.frames))
 
@@ -50,17 +61,17 @@ class ChunkStitcher:
     Parameters
     ----------
     network
-        What follows them through a chunk.
+        Network that follows the points through a chunk.
     plan
-        Cut into smaller chunks where memory does not suffice.
+        Settings of the chunks; smaller chunks are taken where memory does not suffice.
     queries
-        Points in the first patch, shape (N, 2) [px of the patch].
+        Positions of the points in the first patch, shape (N, 2) [px of the patch].
 
     Notes
     -----
-    Where chunks overlap, a chunk starts from where the points were found in its first frame. What a single position is
-    off would move the whole chunk; both chunks saw the overlap, so the mean difference there is taken out, and the
-    positions pass from one to the other linearly.
+    Where chunks overlap, a chunk starts from the positions that were found in its first frame. An error of a single
+    position would move the whole chunk; both chunks saw the overlap, so the mean difference there is taken out, and the
+    positions pass linearly from one chunk to the other.
     """
 
     def __init__(self, network: ChunkNetwork, plan: ChunkPlan, queries: FloatArray) -> None:
@@ -71,7 +82,18 @@ class ChunkStitcher:
         self._shared = 1  # of the waiting frames, those whose tracks are known: the last part of what is done
 
     def feed(self, patch: RgbArray) -> None:
-        """The next patch, shape (height, width, 3)."""
+        """Takes the next patch.
+
+        Parameters
+        ----------
+        patch
+            Red, green and blue, shape (height, width, 3), height and width in px.
+
+        Raises
+        ------
+        DeviceMemoryError
+            The device has no memory for a few frames.
+        """
         if not self._done:
             known = np.ones((1, len(self._queries)))
             self._done.append(ChunkTracks(self._queries[None], known, known))
@@ -79,16 +101,16 @@ class ChunkStitcher:
             self.plan = self.plan if fits is None else self.plan.within(fits)
         self._waiting.append(patch)
         while len(self._waiting) >= self.plan.frames:
-            self._run()
+            self._follow_chunk()
 
     def finish(self) -> ChunkTracks:
-        """Tracks of all patches, shape (T, N, ...) in pixels of the patch."""
+        """Tracks of all patches, shape (T, N, ...) in pixels of the patch, when the last one was taken."""
         while len(self._waiting) > self._shared:
-            self._run()
+            self._follow_chunk()
         return ChunkTracks.joined(*self._done)
 
-    def _run(self) -> None:
-        """One chunk; where memory does not suffice, none, and smaller ones from now on."""
+    def _follow_chunk(self) -> None:
+        """Follows the points through one chunk; where memory does not suffice, only makes later chunks smaller."""
         chunk = self._waiting[: self.plan.frames]
         try:
             found = self._network.follow(np.stack(chunk), self._start)
@@ -100,25 +122,25 @@ class ChunkStitcher:
                 ) from error
             self.plan = self.plan.within(len(chunk) // 2)
             if not self.plan.anchored:
-                self._share(self._done.pop(), self.plan.overlap, self._shared)
+                self._pass_on(self._done.pop(), self.plan.overlap, self._shared)
             return
         if self.plan.anchored:
             self._done.append(found[1:])
             del self._waiting[1 : len(chunk)]
         else:
-            self._share(self._joined(self._done.pop(), found), self.plan.overlap, len(chunk))
+            self._pass_on(self._join_overlap(self._done.pop(), found), self.plan.overlap, len(chunk))
 
-    def _share(self, tracks: ChunkTracks, frames: int, seen: int) -> None:
+    def _pass_on(self, tracks: ChunkTracks, frames: int, seen: int) -> None:
         """Lets the next chunk begin with the last ``frames`` of these tracks, of which as many patches wait."""
         frames = min(frames, seen - 1) if seen > 1 else seen
         del self._waiting[: seen - frames]
         self._shared = frames
         self._done += [tracks[:-frames], tracks[-frames:]]
-        # A point that is nowhere cannot be followed: from its last known place it may be found again.
+        # A point without a position cannot be followed: from its last known place it may be found again.
         first = tracks.positions[-frames]
         self._start = np.where(np.isfinite(first), first, self._start)
 
-    def _joined(self, before: ChunkTracks, found: ChunkTracks) -> ChunkTracks:
+    def _join_overlap(self, before: ChunkTracks, found: ChunkTracks) -> ChunkTracks:
         """A chunk whose first frames another one has seen, moved to agree with it there."""
         count = len(before.positions)
         now, rest = found[:count], found[count:]

@@ -24,7 +24,7 @@ _PEAKS_IN_REFERENCE = 12  # more, because the nearest look-alike counts there, n
 
 @dataclass(frozen=True)
 class FollowSettings:
-    """What decides between following, searching and giving up; see `vfm_sdm.stages.tracking.icgn.IcgnTracker`."""
+    """Limits that decide between following, searching and giving up; see `vfm_sdm.stages.tracking.icgn.IcgnTracker`."""
 
     search_radius_px: int
     max_iterations: int
@@ -34,7 +34,7 @@ class FollowSettings:
 
 
 class Follower:
-    """Follows the subsets of a bank; every frame is registered to the reference, so that errors do not add up.
+    """Follows the subsets of a bank; every frame is registered to the reference frame, so that errors do not add up.
 
     Parameters
     ----------

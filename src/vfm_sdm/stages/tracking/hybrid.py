@@ -1,4 +1,4 @@
-"""A network finds and follows, subset registration polishes: sub-pixel positions with covariance, and two witnesses."""
+"""Hybrid trackers: a network follows the points, and subset registration measures them to a fraction of a pixel."""
 
 from collections.abc import Callable, Sequence
 
@@ -13,22 +13,22 @@ from vfm_sdm.stages.tracking.base import find_tracker
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.inputs import check_counts
 
-__all__ = ["PolishedTracker"]
+__all__ = ["HybridTracker"]
 
 
-class PolishedTracker:
+class HybridTracker:
     """Trackers ``vggt+icgn`` and ``tapir+icgn``.
 
     Parameters
     ----------
     follower
-        Name of the tracker that goes ahead.
+        Name of the tracker that follows the points first.
     subset_px
         Side of the registered subsets, odd [px].
     network
         Settings of the follower.
     agreement_px
-        Where both are further apart, a sample is unreliable [px].
+        Distance of the two positions above which a sample is unreliable [px].
 
     Raises
     ------
@@ -39,10 +39,10 @@ class PolishedTracker:
 
     Notes
     -----
-    Every frame's registration starts where the network saw the point, or where the network saw nothing, where the point
-    was last. Positions and covariances are those of the registration. What both disagree on is not averaged:
-    ``disagreement`` (time, point) [px] is their distance; beyond ``agreement_px``, or where only the registration found
-    the point, the status is ``unreliable``.
+    The registration of every frame starts where the network saw the point or, if the network saw nothing, where the
+    point was last. Positions and covariances are those of the registration. Where both disagree, they are not averaged:
+    ``disagreement``, shape (T, P) [px], is their distance; beyond ``agreement_px``, or where only the registration
+    found the point, the status is ``unreliable``.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class PolishedTracker:
         self.name = f"{follower}+icgn"
         check_counts(self.name, agreement_px=agreement_px)
         self.follower = find_tracker(follower, network=network)
-        self.polisher = IcgnTracker(subset_px=subset_px)
+        self.registration_tracker = IcgnTracker(subset_px=subset_px)
         self.agreement_px = agreement_px
 
     @property
     def weights_id(self) -> str:
-        """Which weights the follower has."""
+        """Identity of the follower's weights."""
         return str(getattr(self.follower, "weights_id", ""))
 
     def track(
@@ -68,20 +68,44 @@ class PolishedTracker:
         reference_frame: int = 0,
         progress: Callable[[int], None] | None = None,
     ) -> xr.Dataset:
-        """Tracks of named points; the video is read twice."""
+        """Tracks of named points.
+
+        Parameters
+        ----------
+        video
+            The view. It is read twice.
+        points2d
+            Positions in the reference frame, shape (P, 2) [px], full-image pixels.
+        names
+            Point names, length P.
+        reference_frame
+            Index of the frame in which ``points2d`` are given.
+        progress
+            Called with the number of frames done so far.
+
+        Returns
+        -------
+        tracks
+            Tracks (see `vfm_sdm.core.datasets`), shape (T, P, 2) [px], with ``disagreement``, shape (T, P) [px].
+
+        Raises
+        ------
+        DatasetError
+            Points lie outside the image, names are not distinct, or there is no such reference frame.
+        """
         shown = None if progress is None else lambda done: progress((done + 1) // 2)
-        coarse = self.follower.track(video, points2d, names=names, reference_frame=reference_frame, progress=shown)
-        expected = coarse["position"].values
+        followed = self.follower.track(video, points2d, names=names, reference_frame=reference_frame, progress=shown)
+        expected = followed["position"].values
         count = len(expected)
         shown = None if progress is None else lambda done: progress((count + 1) // 2 + done - (done + 1) // 2)
-        tracks = self.polisher.track(
+        tracks = self.registration_tracker.track(
             video, points2d, names=names, reference_frame=reference_frame, progress=shown, expected=expected
         )
         disagreement = np.linalg.norm(tracks["position"].values - expected, axis=2)
         status = tracks["status"]
         doubtful = (status.values == Status.OK) & ~(disagreement <= self.agreement_px)
         tracks["status"] = status.copy(data=np.where(doubtful, np.int8(Status.UNRELIABLE), status.values))
-        kept = {name: coarse.attrs[name] for name in ("preset", "weights", "precision") if name in coarse.attrs}
+        attrs = {name: followed.attrs[name] for name in ("preset", "weights", "precision") if name in followed.attrs}
         return tracks.assign(disagreement=(("time", "point"), disagreement, {"units": "px"})).assign_attrs(
-            tracker=self.name, **kept
+            tracker=self.name, **attrs
         )

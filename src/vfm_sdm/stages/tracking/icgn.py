@@ -13,7 +13,7 @@ from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, check_subset_px
 from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
-from vfm_sdm.stages.tracking.split_subset import SubsetHalves
+from vfm_sdm.stages.tracking.split_subset import SplitSubsets
 
 __all__ = ["IcgnTracker"]
 
@@ -134,7 +134,7 @@ class IcgnTracker:
         progress
             Called with the number of frames done so far.
         expected
-            Where another tracker saw the points, shape (T, P, 2) [px]: registrations start there, NaN says nothing.
+            Where another tracker saw the points, shape (T, P, 2) [px]: registrations start there, unless it is NaN.
 
         Returns
         -------
@@ -149,16 +149,16 @@ class IcgnTracker:
             Points lie outside the image, names are not distinct, or there is no such reference frame.
         """
         points = check_points(points2d, names, video)
-        records: list[tuple[_Record, SubsetHalves]] = []
+        records: list[tuple[_Record, SplitSubsets]] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
                 bank = SubsetBank.prepare(reference, points, subset_px=self.subset_px, executor=executor)
                 record = _Record(bank, Follower(bank, reference, self.settings, executor))
-                halves = SubsetHalves(reference, bank, executor)
+                halves = SplitSubsets(reference, bank, executor)
                 records.append((record, halves))
-                shown = iter(() if expected is None else expected)
-                return lambda luma: halves.advance(luma, record.advance(luma, next(shown, None)))
+                places = iter(() if expected is None else expected)
+                return lambda luma: halves.advance(luma, record.advance(luma, next(places, None)))
 
             time_s = follow_frames(video, reference_frame, begin, progress)
         record, halves = records[0]
@@ -185,7 +185,7 @@ class IcgnTracker:
 
 
 class _Record:
-    """What a follower found in all frames so far; covariances are computed for many frames at one time."""
+    """Registrations of a follower in all frames so far; covariances are computed for many frames at a time."""
 
     def __init__(self, bank: SubsetBank, follower: Follower) -> None:
         self._bank, self._follower = bank, follower
@@ -193,7 +193,15 @@ class _Record:
         self._closed: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []
 
     def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> RawRegistration:
-        """Takes the next frame, and where the points should be in it (P, 2) [px]; returns what was found in it."""
+        """Registrations in the next frame.
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        expected
+            Where the points should be in it, shape (P, 2) [px].
+        """
         found = self._follower.advance(luma, expected)
         self._open.append(found)
         if len(self._open) == _CHUNK:

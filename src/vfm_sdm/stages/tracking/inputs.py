@@ -1,4 +1,4 @@
-"""What every tracker of this package does alike: checks at the door, and the pass over the frames."""
+"""Steps that all trackers of this package share: checks of their inputs, and the pass over the frames."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,7 +12,16 @@ __all__ = ["check_correlations", "check_counts", "check_points", "follow_frames"
 
 
 def check_points(points2d: FloatArray, names: Sequence[str], video: Video) -> FloatArray:
-    """The points as an array (P, 2) [px], after checking them against the picture and their names.
+    """The points as an array, after checking them against the picture and their names.
+
+    Parameters
+    ----------
+    points2d
+        Positions of the points, shape (P, 2) [px].
+    names
+        Point names, length P.
+    video
+        The view; only its size is used.
 
     Raises
     ------
@@ -37,7 +46,24 @@ def check_points(points2d: FloatArray, names: Sequence[str], video: Video) -> Fl
 
 
 def check_counts(tracker: str, **settings: float | None) -> None:
-    """Raises `SessionError` unless every setting that is given is positive."""
+    """Refuses settings that are not positive.
+
+    Parameters
+    ----------
+    tracker
+        Name of the tracker, for the message.
+    settings
+        Numbers by name; ``None`` stands for the default.
+
+    Raises
+    ------
+    SessionError
+        A setting is not positive.
+
+    Examples
+    --------
+    >>> check_counts("icgn", search_radius_px=40, threads=None)
+    """
     wrong = {name: value for name, value in settings.items() if value is not None and not value > 0}
     if wrong:
         listed = ", ".join(f"{name} = {value}" for name, value in wrong.items())
@@ -45,7 +71,24 @@ def check_counts(tracker: str, **settings: float | None) -> None:
 
 
 def check_correlations(tracker: str, minimum: float, reliable: float) -> None:
-    """Raises `SessionError` unless 0 < minimum <= reliable < 1."""
+    """Refuses limits of the correlation that contradict each other.
+
+    Parameters
+    ----------
+    tracker
+        Name of the tracker, for the message.
+    minimum, reliable
+        Correlations below which a point is lost, and below which it is unreliable [1].
+
+    Raises
+    ------
+    SessionError
+        The limits are not ``0 < minimum <= reliable < 1``.
+
+    Examples
+    --------
+    >>> check_correlations("icgn", 0.6, 0.8)
+    """
     if not 0 < minimum <= reliable < 1:
         raise SessionError(
             f"{tracker}: expected 0 < minimum_correlation <= reliable_correlation < 1, got {minimum} and {reliable}; "
@@ -59,7 +102,7 @@ def follow_frames(
     begin: Callable[[LumaArray], Callable[[LumaArray], None]],
     progress: Callable[[int], None] | None,
 ) -> FloatArray:
-    """Time stamps (T,) [s] of all frames, after each was handed to a tracker.
+    """Time stamps of all frames, after each was handed to a tracker, shape (T,) [s].
 
     Parameters
     ----------
@@ -68,7 +111,7 @@ def follow_frames(
     reference_frame
         Index of the frame that ``begin`` gets.
     begin
-        Prepares for the reference frame; returns what to do with each frame.
+        Called with the luma of the reference frame, shape (H, W); returns what is called with that of each frame.
     progress
         Called with the number of frames done so far.
 

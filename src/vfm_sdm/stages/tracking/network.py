@@ -1,4 +1,4 @@
-"""Points followed by a network: patches around them, chunk by chunk, and what is said of the result."""
+"""Points followed by a network through patches around them, chunk by chunk, and the status of what it finds."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -24,8 +24,9 @@ from vfm_sdm.stages.tracking.patches import Patch, plan_patches
 __all__ = ["NetworkPreset", "NetworkTracker", "follow_with_network"]
 
 _STD_PX = 0.25
-"""Standard deviation of a network's position [px]. An assumption: networks state none, and without weights none could
-be measured. What a track scatters by is seen, and added where it is more (`vfm_sdm.stages.tracking.track_noise`)."""
+"""Standard deviation of a network's position [px]. It is an assumption: networks state none, and without weights none
+could be measured. The scatter of a track is seen, and replaces it where it is larger
+(`vfm_sdm.stages.tracking.track_noise`)."""
 _SURE = 0.5
 """Confidence below which a position is unreliable."""
 
@@ -37,14 +38,14 @@ class NetworkPreset:
     Parameters
     ----------
     name
-        For the tracks' attributes.
+        Name in the tracks' attributes.
     plan
-        Chunks.
+        Settings of the chunks.
     side_px, multiple, least_px
-        Patches, see `vfm_sdm.stages.tracking.patches.plan_patches`.
+        Sizes of the patches [px], see `vfm_sdm.stages.tracking.patches.plan_patches`.
     canvas
-        Width and height of the picture that a patch is laid into, at the top left, the rest black [px]; ``None`` lays
-        it into none.
+        Width and height of the picture that a patch is laid into, at the top left, the rest black [px]; without one
+        the network sees the patch alone.
     """
 
     name: str
@@ -55,7 +56,19 @@ class NetworkPreset:
     canvas: tuple[int, int] | None = None
 
     def picture(self, patch: RgbArray) -> RgbArray:
-        """What the network is given for a patch (height, width, 3)."""
+        """Picture that the network is given for a patch.
+
+        Parameters
+        ----------
+        patch
+            Red, green and blue, shape (height, width, 3), height and width in px.
+
+        Examples
+        --------
+        >>> preset = NetworkPreset("fast", ChunkPlan(32), 28, 14, 14, canvas=(56, 42))
+        >>> preset.picture(np.zeros((28, 28, 3), np.uint8)).shape
+        (42, 56, 3)
+        """
         if self.canvas is None:
             return patch
         width, height = self.canvas
@@ -111,7 +124,33 @@ class NetworkTracker(ABC):
         reference_frame: int = 0,
         progress: Callable[[int], None] | None = None,
     ) -> xr.Dataset:
-        """Tracks of named points; see `follow_with_network` for what is said of them."""
+        """Tracks of named points; `follow_with_network` says how their status is found.
+
+        Parameters
+        ----------
+        video
+            The view. It is read once, in order.
+        points2d
+            Positions in the reference frame, shape (P, 2) [px], full-image pixels.
+        names
+            Point names, length P.
+        reference_frame
+            Index of the frame in which ``points2d`` are given.
+        progress
+            Called with the number of frames done so far.
+
+        Returns
+        -------
+        tracks
+            Tracks (see `vfm_sdm.core.datasets`), shape (T, P, 2) [px].
+
+        Raises
+        ------
+        DatasetError
+            Points, names or reference frame do not fit the video, or its pictures are too small.
+        BackendUnavailableError
+            The device has no memory for a few frames.
+        """
         tracks = follow_with_network(
             self.inference,
             self.preset,
@@ -139,16 +178,25 @@ def follow_with_network(
     reference_frame: int = 0,
     progress: Callable[[int], None] | None = None,
 ) -> xr.Dataset:
-    """Tracks of named points; parameters as in `vfm_sdm.stages.tracking.base.Tracker.track`.
+    """Tracks of named points through a network.
 
     Parameters
     ----------
     network
-        What follows them.
+        Network that follows the points.
     preset
         How it sees the recording.
-    video, points2d, names, reference_frame, progress
-        As in a tracker. Of the frames before the reference frame, the patches are held in memory.
+    video
+        The view; it is read once, in order. The patches of the frames before the reference frame are held in memory.
+    points2d
+        Positions in the reference frame, shape (P, 2) [px], full-image pixels.
+    names, reference_frame, progress
+        As in `vfm_sdm.stages.tracking.base.Tracker.track`.
+
+    Returns
+    -------
+    tracks
+        Tracks (see `vfm_sdm.core.datasets`), shape (T, P, 2) [px].
 
     Raises
     ------
@@ -159,8 +207,8 @@ def follow_with_network(
 
     Notes
     -----
-    Status: ``outside`` where a point left the image; ``lost`` where the network calls it hidden, says nothing, or it
-    left its patch; ``unreliable`` below half the confidence.
+    The status is ``outside`` where a point left the image; ``lost`` where the network calls it hidden or gives no
+    position, or where it left its patch; ``unreliable`` below half the confidence.
     """
     points = check_points(points2d, names, video)
     if reference_frame < 0:
@@ -186,7 +234,7 @@ def follow_with_network(
     status = np.full((len(time_s), len(points)), int(Status.LOST))
     for follower in followers:
         rows = follower.patch.rows
-        position[:, rows], status[:, rows] = _judged(follower.finish(), follower.patch, image_size)
+        position[:, rows], status[:, rows] = _judge(follower.finish(), follower.patch, image_size)
     covariance = np.where(np.isfinite(position).all(axis=2)[..., None, None], _STD_PX**2 * np.eye(2), np.nan)
     covariance[reference_frame] *= 0
     attrs = {
@@ -219,13 +267,13 @@ class _Follower:
         return min((plan.frames for plan in plans), default=self.preset.plan.frames)
 
     def feed(self, patch: RgbArray, *, before: bool) -> None:
-        """The next patch, before the reference frame or from there on."""
+        """Takes the next patch, shape (height, width, 3) [px]: before the reference frame, or from there on."""
         picture = self.preset.picture(patch)
         if before:
             self._before.append(picture)
             return
         if self._onward is None:
-            self._onward, self._back = self._stitcher(), self._stitcher()
+            self._onward, self._back = self._make_stitcher(), self._make_stitcher()
             for earlier in (picture, *reversed(self._before)):
                 self._back.feed(earlier)
             self._before.clear()
@@ -236,11 +284,11 @@ class _Follower:
         parts = [s.finish() for s in (self._back, self._onward) if s is not None]
         return ChunkTracks.joined(parts[0][:0:-1], parts[1])
 
-    def _stitcher(self) -> ChunkStitcher:
+    def _make_stitcher(self) -> ChunkStitcher:
         return ChunkStitcher(self.network, self.preset.plan, self.patch.region.from_full(self.points))
 
 
-def _judged(found: ChunkTracks, patch: Patch, image_size: tuple[int, int]) -> tuple[FloatArray, IntArray]:
+def _judge(found: ChunkTracks, patch: Patch, image_size: tuple[int, int]) -> tuple[FloatArray, IntArray]:
     """Positions (T, N, 2) in the full image, NaN where lost or outside, and status codes (T, N)."""
     position = patch.region.to_full(found.positions)
     status = np.where(found.confidence < _SURE, Status.UNRELIABLE, Status.OK)

@@ -1,4 +1,4 @@
-"""Small pictures around points, at full resolution: networks see these instead of whole frames.
+"""Patches around points, at full resolution, which networks see instead of whole frames.
 
 The paper crops 294 x 294 px approximately centred on the point (section Implementation details).
 """
@@ -14,7 +14,7 @@ from vfm_sdm.inputs.video import Region
 __all__ = ["Patch", "plan_patches"]
 
 _STEP = 3
-"""Patches start at multiples of their side over this, so that points close to each other share one."""
+"""Patches start at multiples of their side over this number, so that points close to each other share one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,9 +24,9 @@ class Patch:
     Parameters
     ----------
     region
-        In full-image pixels, not resized.
+        The part of the frames, in full-image pixels, not resized.
     rows
-        Indices of its points.
+        Indices of the points that are followed in it, shape (N,).
     """
 
     region: Region
@@ -41,20 +41,27 @@ def plan_patches(
     Parameters
     ----------
     points2d
-        Shape (P, 2) [px], inside the image.
+        Positions of the points, inside the image, shape (P, 2) [px].
     image_size
         Width and height [px].
     side_px
         Side of a patch; less in an image that is smaller [px].
     multiple
-        Sides are multiples of it [px].
+        Sides are multiples of this length [px].
     least_px
         Shortest side that will do [px].
 
     Raises
     ------
     DatasetError
-        The image is smaller than that.
+        The image is smaller than the shortest side.
+
+    Examples
+    --------
+    >>> points2d = np.array([[100.0, 90.0], [110.0, 95.0], [500.0, 300.0]])
+    >>> patches = plan_patches(points2d, (640, 480), side_px=126, multiple=14, least_px=98)
+    >>> [(patch.region.x, patch.region.y, patch.rows.tolist()) for patch in patches]
+    [(42, 42, [0, 1]), (420, 252, [2])]
     """
     sides = tuple(min(side_px, length) // multiple * multiple for length in image_size)
     if min(sides) < least_px:

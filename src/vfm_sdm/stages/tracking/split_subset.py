@@ -1,4 +1,4 @@
-"""Left and right halves of subsets tracked by themselves: where they part, a subset covers two motions."""
+"""Left and right halves of subsets, tracked by themselves: where they move apart, a subset covers two motions."""
 
 from concurrent.futures import Executor
 
@@ -7,22 +7,22 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
 
-__all__ = ["SubsetHalves"]
+__all__ = ["SplitSubsets"]
 
 _LEAST_SIDE_PX = 11
 _EVERY = 4
-"""Frames between two looks: enough for a root mean square, at a small part of the tracking's cost."""
+"""Frames between two measurements: enough for a root mean square, at a small part of the tracking's cost."""
 
 
-class SubsetHalves:
+class SplitSubsets:
     """Squares of half the side in the left and right half of every subset of a bank.
 
     Parameters
     ----------
     reference
-        Image that the subsets were taken from.
+        Image that the subsets were taken from, shape (H, W).
     whole
-        The bank of the subsets themselves.
+        The bank of the whole subsets.
     executor
         Threads that share the work.
     """
@@ -38,14 +38,22 @@ class SubsetHalves:
         self._found: list[FloatArray] = []
 
     def advance(self, luma: LumaArray, found: RawRegistration) -> None:
-        """Takes the next frame, and where the whole subsets were found in it."""
+        """Takes the next frame, and where the whole subsets were found in it.
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        found
+            Registrations of the P whole subsets in it.
+        """
         difference = np.full((len(self._whole), 2), np.nan)
         if self._bank is not None and len(self._found) % _EVERY == 0:
             difference = self._measure(self._bank, luma, found)
         self._found.append(difference)
 
     def differences(self) -> FloatArray:
-        """By how far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked."""
+        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked."""
         return np.stack(self._found)
 
     def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> FloatArray:

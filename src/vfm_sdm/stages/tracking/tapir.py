@@ -1,4 +1,4 @@
-"""BootsTAPIR as a tracker: the paper's second one (its table of point tracking strategies)."""
+"""BootsTAPIR as a tracker: the paper's second network (its table of point tracking strategies)."""
 
 from vfm_sdm.networks.interface import ChunkNetwork
 from vfm_sdm.stages.tracking.chunks import ChunkPlan
@@ -12,17 +12,17 @@ reference frame, whose features are looked for in every other frame: nothing dri
 
 
 class TapirTracker(NetworkTracker):
-    """Tracker ``tapir``: preset and precision say nothing to it; whether weights are causal is told by their name."""
+    """Tracker ``tapir``: it has one preset and one precision; the name of its weights tells whether they are causal."""
 
     name = "tapir"
 
     @property
     def preset(self) -> NetworkPreset:
-        """The only one."""
+        """The only preset."""
         return PRESET
 
     def load(self) -> ChunkNetwork:
-        """The network."""
+        """The network with its weights on its device."""
         from vfm_sdm.networks.tapir.inference import TapirInference  # noqa: PLC0415  (PyTorch is optional)
 
         return TapirInference.load(str(self.weights), device=self.settings.device)

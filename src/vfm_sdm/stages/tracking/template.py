@@ -17,7 +17,7 @@ from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, che
 __all__ = ["DIVISIONS", "TemplateTracker"]
 
 DIVISIONS = 16
-"""Resolution of the tracker, parts of a pixel (paper, Quantitative results)."""
+"""Resolution of the tracker: parts of a pixel (paper, section Quantitative results)."""
 
 _PEAKS = 4
 
@@ -128,7 +128,7 @@ class TemplateTracker:
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
-                matcher = _Matcher(self, reference, points, executor)
+                matcher = _TemplateSet(self, reference, points, executor)
                 return lambda luma: located.append(matcher.locate(luma))
 
             time_s = follow_frames(video, reference_frame, begin, progress)
@@ -146,7 +146,7 @@ class TemplateTracker:
         return tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
 
 
-class _Matcher:
+class _TemplateSet:
     """Targets of one reference frame, located in other frames."""
 
     def __init__(self, tracker: TemplateTracker, reference: LumaArray, points: FloatArray, executor: Executor) -> None:
@@ -157,7 +157,18 @@ class _Matcher:
         self._cuts = {int(p): cut_subset(reference, self._bank.centers[p], half) for p in self._rows}
 
     def locate(self, luma: LumaArray) -> _Located:
-        """Positions (P, 2), covariances (P, 2, 2), correlations and status codes (P,) in a frame."""
+        """Positions, covariances, correlations and status codes of the targets in a frame.
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+
+        Returns
+        -------
+        position, covariance, correlation, status
+            Shapes (P, 2) [px], (P, 2, 2) [px2], (P,) [1] and (P,).
+        """
         tracker, bank = self._tracker, self._bank
 
         def search(p: int) -> FloatArray:

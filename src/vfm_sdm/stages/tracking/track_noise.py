@@ -1,4 +1,4 @@
-"""Noise that a track shows by itself: what its covariances leave out, above all the errors of video compression."""
+"""Noise that tracks show and their covariances leave out, above all the errors of video compression."""
 
 import numpy as np
 import xarray as xr
@@ -8,7 +8,7 @@ from scipy.signal import firwin
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
 from vfm_sdm.core.datasets import check_tracks
 
-__all__ = ["include_scatter"]
+__all__ = ["include_track_noise"]
 
 _TAPS = 41
 _EDGE = 0.8
@@ -18,19 +18,19 @@ _KAISER = 9.0
 _WINDOW_S = 3.0
 
 
-def include_scatter(tracks: xr.Dataset) -> xr.Dataset:
+def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
     """Tracks whose covariances are raised to the scatter that the positions show near the Nyquist frequency.
 
     Parameters
     ----------
     tracks
-        Tracks of one view. A point whose covariance is zero (the reference frame's) keeps it.
+        Tracks of one view, shape (T, P, 2) [px]. A covariance of zero (that of the reference frame) stays zero.
 
     Returns
     -------
     tracks
-        The same with larger ``position_covariance`` where the scatter is larger, and ``scatter`` (time, point, pixel)
-        [px]: the standard deviation found, NaN where a run of frames is too short to tell.
+        The tracks with larger ``position_covariance`` [px2] where the scatter is larger, and with ``scatter``, shape
+        (T, P, 2) [px]: the standard deviation found, NaN where a run of frames is too short to tell.
 
     Notes
     -----
@@ -43,6 +43,15 @@ def include_scatter(tracks: xr.Dataset) -> xr.Dataset:
     Motion of the structure in that band (above 12 Hz at 30 frames a second) counts as noise, and errors that are
     stronger at low frequencies are understated. What the codec makes of every motion alike, a gain a little below 1, is
     not scatter and not in it.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> noise = np.random.default_rng(0).normal(0, 0.02, (600, 1, 2))
+    >>> covariance = np.tile(0.005**2 * np.eye(2), (600, 1, 1, 1))
+    >>> tracks = make_tracks(np.arange(600) / 30, ["a"], noise, covariance, np.zeros((600, 1)), attrs={})
+    >>> round(float(include_track_noise(tracks)["scatter"].mean()), 2)
+    0.02
     """
     check_tracks(tracks)
     kernel = firwin(_TAPS, _EDGE, pass_zero=False, window=("kaiser", _KAISER))
@@ -51,7 +60,7 @@ def include_scatter(tracks: xr.Dataset) -> xr.Dataset:
     variance = np.full(position.shape, np.nan)
     for point in range(position.shape[1]):
         for run in unbroken_runs(np.isfinite(position[:, point]).all(axis=1)):
-            variance[run, point] = _variance(position[run, point], kernel, max(1, round(_WINDOW_S * rate_hz)))
+            variance[run, point] = _estimate_variance(position[run, point], kernel, max(1, round(_WINDOW_S * rate_hz)))
     covariance = tracks["position_covariance"].values
     stated = np.einsum("tpii->tpi", covariance)
     larger = np.isfinite(variance) & (variance > stated) & (stated > 0)
@@ -63,7 +72,7 @@ def include_scatter(tracks: xr.Dataset) -> xr.Dataset:
     return raised.assign(scatter=(("time", "point", "pixel"), np.sqrt(variance), {"units": "px"}))
 
 
-def _variance(values: FloatArray, kernel: FloatArray, window: int) -> FloatArray:
+def _estimate_variance(values: FloatArray, kernel: FloatArray, window: int) -> FloatArray:
     """Variance of white noise, from its share in the kernel's band, shape (T, 2) [px2]; NaN for too short a run."""
     if len(values) < 2 * len(kernel):
         return np.full(values.shape, np.nan)

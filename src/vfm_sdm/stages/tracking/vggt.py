@@ -13,7 +13,7 @@ __all__ = ["PRESETS", "VggtTracker"]
 _PATCH_PX = 14
 _LEAST_PX = 128
 _OTHER_HEAD = "tracker_fixed"
-"""In the names of weights that have the same keys and shapes, but belong to another feature head."""
+"""Part of the names of weights with the same keys and shapes that belong to another feature head."""
 
 PRESETS = {
     "paper": NetworkPreset("paper", ChunkPlan(144, overlap=32), 294, _PATCH_PX, _LEAST_PX, canvas=(518, 294)),
@@ -25,7 +25,7 @@ less arithmetic, because attention grows with the square of a chunk's tokens, an
 
 
 class VggtTracker(NetworkTracker):
-    """Tracker ``vggt``.
+    """Tracker ``vggt``: the network VGGT with its tracking head.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ class VggtTracker(NetworkTracker):
 
     @property
     def preset(self) -> NetworkPreset:
-        """The one that the settings name."""
+        """The preset that the settings name."""
         return PRESETS[self.settings.preset]
 
     def load(self) -> ChunkNetwork:
-        """The network without its camera head."""
+        """The network without its camera head, on its device."""
         from vfm_sdm.networks.vggt.inference import VggtInference  # noqa: PLC0415  (PyTorch is optional)
 
         settings = self.settings

@@ -12,7 +12,7 @@ from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.tracking.base import Tracker
-from vfm_sdm.stages.tracking.track_noise import include_scatter
+from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
 __all__ = ["track_views"]
 
@@ -26,17 +26,17 @@ def track_views(
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
 
-    Covariances are raised to what the tracks scatter by, see `vfm_sdm.stages.tracking.track_noise.include_scatter`.
-    What the decoder said of each recording is the attribute ``recording`` of its tracks, a table.
+    Covariances are raised to the scatter of the tracks, see `include_track_noise`. The decoder's report on each
+    recording is the attribute ``recording`` of its tracks, a table.
 
     Parameters
     ----------
     videos
         Recordings by view name.
     points
-        Points dataset: pixels in the first frame of every view.
+        Points dataset: positions in the first frame of every view, shape (V, P, 2) [px].
     tracker
-        What follows them.
+        Tracker that follows the points.
     progress
         Called with the view and the frames done.
 
@@ -51,7 +51,7 @@ def track_views(
     for view, video in videos.items():
         found = _track_view(video, points.sel(view=view), tracker, _frames_done(view, video, progress))
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
-        tracks[view] = include_scatter(found)
+        tracks[view] = include_track_noise(found)
         tracks[view].attrs["recording"] = {**asdict(video.report), "bits_per_pixel": _bits_per_pixel(video)}
     return tracks
 

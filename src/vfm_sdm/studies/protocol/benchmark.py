@@ -172,7 +172,7 @@ def _gaps(methods: Sequence[Method], results: Mapping[str, TestResult], against:
         for name, result in results.items()
         for method in methods
         if (evaluation := result.evaluations[against].get(method)) is not None
-        and len(evaluation.rows_with_figures) < len(evaluation.rows)
+        and len(evaluation.scored_rows) < len(evaluation.rows)
         for note in evaluation.notes
     ]
 

@@ -86,7 +86,7 @@ def test_a_sensor_is_aligned_by_itself():
     assert result.synchronization.lag_s == pytest.approx(1.2345, abs=5e-4)
     assert result.band_hz == (1.0, 10.0)
     assert result.reference_name == "sensors s1, s2"
-    assert len(result.rows_with_figures) == 4
+    assert len(result.scored_rows) == 4
     for row in result.rows:
         assert row.score.nrmse_range < 0.005
         assert row.score.skill > 0.999
@@ -188,7 +188,7 @@ def test_without_a_lag_there_is_no_figure(tmp_path):
     assert result.notes == (
         f"lag of the reference unknown: {result.synchronization.status}; widen or narrow the search, or state the lag",
     )
-    assert result.rows_with_figures == ()
+    assert result.scored_rows == ()
     assert len(result.rows) == 4
     assert all(np.isnan(getattr(row.score, name)) for row in result.rows for name in FIGURES)
     assert all(np.isnan(row.rms_error_mm) for row in result.rows)
@@ -210,10 +210,10 @@ def test_what_cannot_be_compared_is_named():
     assert result.notes[1].startswith("'quarter', vertical: estimate: expected at least 10 samples known")
     assert result.notes[2].startswith("'abutment', vertical: reference: expected a signal that moves")
     assert [np.isfinite(row.score.nrmse_range) for row in result.rows] == [True, False, False]
-    assert [row.point for row in result.rows_with_figures] == ["mid"]
+    assert [row.point for row in result.scored_rows] == ["mid"]
 
 
-def test_mean_and_std_are_those_of_the_rows_with_figures():
+def test_mean_and_std_are_those_of_the_scored_rows():
     def change(values):
         values[:, 0] *= 1.1
         values[:, 1] *= 1.3

@@ -1,4 +1,4 @@
-"""Points through a network: patches, mapping to the full image, statuses, and the polish."""
+"""Points through a network: patches, mapping to the full image, statuses, and the hybrid trackers."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from standins import KnownMotion, swaying
 from vfm_sdm.core.datasets import Status, check_tracks
 from vfm_sdm.errors import BackendUnavailableError, DatasetError, SessionError
 from vfm_sdm.stages.tracking.chunks import ChunkPlan
-from vfm_sdm.stages.tracking.hybrid import PolishedTracker
+from vfm_sdm.stages.tracking.hybrid import HybridTracker
 from vfm_sdm.stages.tracking.network import NetworkPreset, follow_with_network
 from vfm_sdm.stages.tracking.patches import plan_patches
 
@@ -166,9 +166,9 @@ class _Follower:
         return tracks.assign_attrs(tracker="vggt", weights="random", precision="float32")
 
 
-def polished(monkeypatch, positions, **options):
+def hybrid_tracker(monkeypatch, positions, **options):
     monkeypatch.setattr("vfm_sdm.stages.tracking.hybrid.find_tracker", lambda name, **kw: _Follower(positions))
-    return PolishedTracker(follower="vggt", subset_px=31, **options)
+    return HybridTracker(follower="vggt", subset_px=31, **options)
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +183,7 @@ def moving():
 def test_registration_goes_where_the_network_points(monkeypatch, moving):
     video, points, true = moving
     rng = np.random.default_rng(0)
-    tracker = polished(monkeypatch, true + rng.uniform(-0.6, 0.6, true.shape))
+    tracker = hybrid_tracker(monkeypatch, true + rng.uniform(-0.6, 0.6, true.shape))
     tracks = check_tracks(tracker.track(video, points, names=["a", "b"]))
     assert np.abs(tracks["position"].values - true).max() < 0.02
     assert (tracks["status"].values == Status.OK).all()
@@ -197,7 +197,7 @@ def test_two_witnesses_that_disagree_are_not_averaged(monkeypatch, moving):
     video, points, true = moving
     told = true.copy()
     told[3, 0] += [1.6, 0.0]
-    tracks = polished(monkeypatch, told).track(video, points, names=["a", "b"])
+    tracks = hybrid_tracker(monkeypatch, told).track(video, points, names=["a", "b"])
     assert tracks["status"].values[3, 0] == Status.UNRELIABLE
     assert tracks["disagreement"].values[3, 0] == pytest.approx(1.6, abs=0.05)
     assert np.abs(tracks["position"].values[3, 0] - true[3, 0]).max() < 0.02
@@ -208,7 +208,7 @@ def test_what_only_the_registration_found_is_unreliable(monkeypatch, moving):
     video, points, true = moving
     told = true.copy()
     told[1, 1] = np.nan
-    tracks = polished(monkeypatch, told).track(video, points, names=["a", "b"])
+    tracks = hybrid_tracker(monkeypatch, told).track(video, points, names=["a", "b"])
     assert tracks["status"].values[1, 1] == Status.UNRELIABLE
     assert np.isnan(tracks["disagreement"].values[1, 1])
     assert np.abs(tracks["position"].values[1, 1] - true[1, 1]).max() < 0.02
@@ -217,13 +217,13 @@ def test_what_only_the_registration_found_is_unreliable(monkeypatch, moving):
 def test_progress_of_both_passes_ends_at_the_number_of_frames(monkeypatch, moving):
     video, points, true = moving
     seen = []
-    polished(monkeypatch, true).track(video, points, names=["a", "b"], progress=seen.append)
+    hybrid_tracker(monkeypatch, true).track(video, points, names=["a", "b"], progress=seen.append)
     assert seen == sorted(seen)
     assert seen[-1] == len(true)
 
 
 def test_settings_and_followers_are_checked(monkeypatch):
     with pytest.raises(SessionError, match=r"vggt\+icgn: expected positive settings, got agreement_px = 0"):
-        PolishedTracker(follower="vggt", agreement_px=0)
+        HybridTracker(follower="vggt", agreement_px=0)
     with pytest.raises(BackendUnavailableError, match="expected one of"):
-        PolishedTracker(follower="magic")
+        HybridTracker(follower="magic")

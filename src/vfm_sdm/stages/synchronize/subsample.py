@@ -1,4 +1,4 @@
-"""The lag to a fraction of a sample, with its uncertainty."""
+"""The lag between two signals to a fraction of a sample, with its uncertainty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.stages.synchronize.search import Group, group_samples, log_explained
 from vfm_sdm.stages.synchronize.signals import Signal
 
-__all__ = ["LagRefiner", "RefinedLag"]
+__all__ = ["SubsampleEstimator", "SubsampleLag"]
 
 _STEPS = 20
 _SMALLEST_STEP_S = 1e-7
@@ -20,15 +20,17 @@ _SMOOTHING_HZ = 1.0
 
 
 @dataclass(frozen=True)
-class RefinedLag:
+class SubsampleLag:
     """A stationary point of the fit near a start value."""
 
     lag_s: float
+    """Seconds by which the second signal happens later."""
     lag_std_s: float
+    """Standard deviation of the lag [s]."""
     at_s: float
-    """Time on the first clock that the lag belongs to: centre of the information in it."""
+    """Time on the first clock that the lag belongs to [s]: centre of the information in it."""
     dependence: float
-    """As in `vfm_sdm.stages.synchronize.search.compute_dependence`, at this lag."""
+    """Dependence of the signals at this lag, as in `vfm_sdm.stages.synchronize.search.compute_dependence`."""
     correlation: float
     """Root of the share of the second signal's variance that the first explains."""
     independent_samples: float
@@ -36,7 +38,7 @@ class RefinedLag:
     converged: bool
 
 
-_NO_PEAK = RefinedLag(np.nan, np.nan, np.nan, -np.inf, np.nan, 0.0, converged=False)
+_NO_PEAK = SubsampleLag(np.nan, np.nan, np.nan, -np.inf, np.nan, 0.0, converged=False)
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,8 @@ class _Fit:
     parameters: int
 
 
-class LagRefiner:
-    """Refinement of lags between two signals.
+class SubsampleEstimator:
+    """Estimates lags between two signals to a fraction of a sample.
 
     Parameters
     ----------
@@ -83,15 +85,24 @@ class LagRefiner:
         self._curves_b = CubicSpline(second.time_s, second.values)
         self._rates_b = self._curves_b.derivative()
 
-    def refine(self, start_lag_s: float, window_s: tuple[float, float] | None = None) -> RefinedLag:
+    def estimate(self, start_lag_s: float, window_s: tuple[float, float] | None = None) -> SubsampleLag:
         """Lag at which a mixture of the first signal fits the second best, near a start value.
 
         Parameters
         ----------
         start_lag_s
-            Within about a quarter period of the fastest motion.
+            Start value, within about a quarter period of the fastest motion [s].
         window_s
-            Part of the first clock to use; all of it without.
+            Beginning and end of the part of the first clock that is used, shape (2,) [s]; all of it without.
+
+        Examples
+        --------
+        >>> time_s = np.arange(900) / 30
+        >>> one, two = (np.sin(2 * np.pi * 1.3 * t) + np.sin(2 * np.pi * 2.1 * t) for t in (time_s, time_s - 0.01))
+        >>> first, second = (Signal(0.0, 30.0, s[:, None], np.ones((900, 1), dtype=bool)) for s in (one, two))
+        >>> found = SubsampleEstimator(first, second, [((0,), (0,))]).estimate(0.0)
+        >>> found.converged, round(found.lag_s, 4)
+        (True, 0.01)
         """
         time_s = self.first.time_s
         begin, end = np.searchsorted(time_s, window_s) if window_s is not None else (0, time_s.size)
@@ -163,8 +174,8 @@ def _spread_out(values: FloatArray, mask: BoolArray) -> FloatArray:
     return out
 
 
-def _summarise(fits: Sequence[_Fit], lag_s: float, time_s: FloatArray, rate_hz: float) -> RefinedLag:
-    """The result at the last step of the fit."""
+def _summarise(fits: Sequence[_Fit], lag_s: float, time_s: FloatArray, rate_hz: float) -> SubsampleLag:
+    """The lag, its uncertainty and its quality at the last step of the fit."""
     residual = np.hstack([fit.residual for fit in fits])
     direction = np.hstack([fit.direction for fit in fits])
     weight = np.sum([(fit.direction * fit.slope).sum(axis=1) for fit in fits], axis=0)
@@ -177,7 +188,7 @@ def _summarise(fits: Sequence[_Fit], lag_s: float, time_s: FloatArray, rate_hz: 
     nearby = min(independent, 2 * _SMOOTHING_HZ * mean_samples / rate_hz)
     variance *= nearby / max(nearby - max(fit.parameters for fit in fits), 1.0)
     explained, total = sum(fit.explained for fit in fits), sum(fit.total for fit in fits)
-    return RefinedLag(
+    return SubsampleLag(
         lag_s=lag_s,
         lag_std_s=float(np.sqrt(variance) / information),
         at_s=float((weight * time_s).sum() / information),
@@ -192,7 +203,7 @@ def _independent_share(residual: FloatArray) -> float:
     """Independent squares a sample: 1 / sum of the squared autocorrelation, mean over channels of unit power."""
     power = np.abs(fft.fft(residual, axis=0)) ** 2
     power = (power / np.maximum(power.sum(axis=0), 1e-300)).mean(axis=1)
-    # A raw spectrum scatters by 100 % in each channel, which its square would take for colour.
+    # A raw spectrum scatters by 100 % in each channel, which its square would take for a coloured residual.
     scatter = 1 + 1 / residual.shape[1]
     return float(min(1.0, scatter * power.sum() ** 2 / max(len(power) * (power**2).sum(), 1e-300)))
 

@@ -1,4 +1,4 @@
-"""Lags between views, from tracks, and between vision and sensors, from displacement."""
+"""Lags between datasets: between views from their tracks, and between vision and sensors from their displacement."""
 
 from collections.abc import Mapping, Sequence
 
@@ -27,9 +27,10 @@ def estimate_view_lag(
     Parameters
     ----------
     tracks_a, tracks_b
-        Tracks datasets, each on its own clock.
+        Tracks datasets, shapes (Ta, P, 2) and (Tb, P, 2) [px], each on its own clock [s].
     points
-        Moving points to use; all that both have without. Static points only add the cameras' shaking.
+        Moving points to use; without them, all points that both views have. Static points only add the cameras'
+        shaking.
     search_s, start_lag_s, start_std_s, band_hz
         See `estimate_lag`.
 
@@ -41,12 +42,14 @@ def estimate_view_lag(
     Notes
     -----
     Each point has its own 2 x 2 mixture from (u, v) to (u, v): what two cameras see of a motion in two directions. Both
-    cameras stand upright on the same side of the structure, so that a motion to the right or down is one in both:
+    cameras must stand upright on the same side of the structure, so that a motion to the right or down is one in both:
     otherwise half a period later would look as good.
+
     Only samples of status ok are used. Points weigh by the residual that their own fit leaves, which holds the
     tracker's noise as it is, not as the tracker states it.
     """
-    check_tracks(tracks_a), check_tracks(tracks_b)
+    check_tracks(tracks_a)
+    check_tracks(tracks_b)
     both = [str(p) for p in tracks_a["point"].values if p in tracks_b["point"].values]
     chosen = both if points is None else list(points)
     if not chosen or not set(chosen) <= set(both):
@@ -80,22 +83,23 @@ def synchronize_views(
     Parameters
     ----------
     tracks_by_view
-        Tracks datasets, each on its own clock; the first is the reference.
+        Tracks datasets, shape (T, P, 2) [px], each on its own clock [s]; the first is the reference view.
     start_offsets_s
-        Seconds by which a view's first frame happens later than the reference's, where roughly known: the convention
-        of `align_views`, opposite in sign to a lag.
+        Seconds by which a view's first frame happens later than the reference view's, where roughly known: the
+        convention of `align_views`, opposite in sign to a lag.
     start_std_s, points, search_s, band_hz
         See `estimate_view_lag`.
 
     Returns
     -------
     synchronization
-        One a view, the reference included (lag 0). ``offset_s`` and ``rate_ratio`` are what `align_views` takes.
+        One lag [s] for every view, the reference view included (lag 0). ``offset_s`` and ``rate_ratio`` are what
+        `align_views` takes.
 
     Raises
     ------
     DatasetError
-        There is no view, or as `estimate_view_lag`.
+        There is no view, or a point is not in all views.
     """
     if not tracks_by_view:
         raise DatasetError("views: expected one tracks dataset or more, got none; track the views first")
@@ -130,17 +134,18 @@ def estimate_sensor_lag(
     Parameters
     ----------
     displacement
-        Displacement dataset [mm].
+        Displacement dataset, shape (Ta, P, 3) [mm].
     reference
-        Variable ``displacement`` [mm] with dims ``time, sensor, axis``, on the sensors' clock.
+        Displacement of the sensors: variable ``displacement``, shape (Tb, S, A) [mm], dims ``time, sensor, axis``, on
+        the sensors' clock [s].
     pairs
         Point and sensor that measure the same place.
     axes
-        Axes used together, each with a gain of its own, above zero.
+        Axes that are used together, each with a gain of its own above zero.
     search_s, start_lag_s, start_std_s
         See `estimate_lag`.
     band_hz
-        Band that both sides hold; displacement from acceleration has nothing below its high-pass.
+        Band that both sides hold [Hz]; displacement from acceleration has nothing below its high-pass.
 
     Raises
     ------
