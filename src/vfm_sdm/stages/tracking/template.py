@@ -9,6 +9,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset, has_rival
 from vfm_sdm.stages.registration.subsets import SubsetBank, check_subset_px
@@ -96,7 +97,7 @@ class TemplateTracker:
         *,
         names: Sequence[str],
         reference_frame: int = 0,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress | None = None,
     ) -> xr.Dataset:
         """Tracks of named points, every frame compared with the reference frame.
 
@@ -111,7 +112,7 @@ class TemplateTracker:
         reference_frame
             Index of the frame in which ``points2d`` are given.
         progress
-            Called with the number of frames done so far.
+            Called with ``tracking``, the number of frames done so far and that of all.
 
         Returns
         -------

@@ -14,6 +14,7 @@ from vfm_sdm import __version__
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement
 from vfm_sdm.core.netcdf import read_displacement, write_dataset
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import (
@@ -40,9 +41,6 @@ from vfm_sdm.studies.synthetic.scene import Scene
 from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
 __all__ = ["demo_plan", "make_demo", "make_field_test"]
-
-Progress = Callable[[int, int], None]
-"""Called with the number of frames written so far and the number of all."""
 
 _VIEWS = ("left", "right")
 _SHORTEST_S = 0.5
@@ -73,7 +71,7 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
     plan
         What to film; the same plan gives the same bytes.
     progress
-        Called with the number of frames written so far and the number of all.
+        Called with what is filmed, the number of frames written so far and the number of all.
 
     Raises
     ------
@@ -106,12 +104,11 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
     missing = [view for view, video in enumerate(videos) if not (target / video).exists()]
     scene = _scene(plan.site, plan.seed) if missing else None
     for view, video in enumerate(videos):
-        done, total = view * plan.frames, len(videos) * plan.frames
         path = target / video
         if scene is not None and view in missing:
             frames, chroma = film_view(plan, scene, view)
             options = {"crf": str(plan.recordings[view].crf), **plan.encoder}
-            write_video(path, _counted(frames, done, total, progress), fps=plan.fps, chroma=chroma, options=options)
+            write_video(path, _counted(frames, plan, view, progress), fps=plan.fps, chroma=chroma, options=options)
     # Last, so that a folder whose making was cut short is no session.
     return write_session(target / "session.toml", _session(plan, target))
 
@@ -185,12 +182,13 @@ def _scene(site: FootbridgeSite, seed: int) -> Scene:
 
 
 def _counted(
-    frames: Iterator[npt.NDArray[np.uint8]], done: int, total: int, progress: Progress | None
+    frames: Iterator[npt.NDArray[np.uint8]], plan: Preset, view: int, progress: Progress | None
 ) -> Iterator[npt.NDArray[np.uint8]]:
-    for number, frame in enumerate(frames):
+    """The frames of one view, each reported when it is written; the count goes on from view to view."""
+    for number, frame in enumerate(frames, start=view * plan.frames + 1):
         yield frame
         if progress is not None:
-            progress(done + number + 1, total)
+            progress(f"filming {plan.name}", number, len(_VIEWS) * plan.frames)
 
 
 def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
