@@ -179,12 +179,13 @@ class Baseline:
     @torch.inference_mode()
     def _follow_one(self, frames: np.ndarray, query: np.ndarray) -> tuple[Tensor, Tensor, Tensor]:
         rotary_table.cache_clear()
-        images = torch.from_numpy(frames).to(self.device).permute(0, 3, 1, 2).float() / 255
+        kind = next(self.network.parameters()).dtype
+        images = torch.from_numpy(frames).to(self.device, kind).permute(0, 3, 1, 2) / 255
         tokens = self.network.aggregator(images, range(self.network.config.depth))
         head = self.network.track_head
         maps = head.feature_extractor(tokens, (images.shape[-2], images.shape[-1]))
         with patch.object(tracker, "correlate", correlate_volumes):
-            found = head.tracker(maps, torch.as_tensor(query, dtype=torch.float32, device=self.device)[None, None])
+            found = head.tracker(maps, torch.as_tensor(query, dtype=kind, device=self.device)[None, None])
         return found.positions[-1, 0, 0], found.visibility[0, 0], found.confidence[0, 0]
 
 

@@ -5,12 +5,32 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# A worker a processor: more threads would wait for each other, and how many there are decides how sums round. Libraries
+# read this when they are first imported, processes that tests start when they begin.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# The same examples in every run, on every machine, however busy it is; --hypothesis-profile=default draws new ones.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
 
 _ROOT = Path(__file__).resolve().parents[1]
 
 
 def _shared_folder() -> Path:
     return Path(os.environ.get("VFM_SDM_SHARED", _ROOT.parent / "shared"))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Order of the tests."""
+    parser.addoption("--backwards", action="store_true", help="run the last test first: no test may need another")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Files, and the tests in them, from the last to the first where that was asked for."""
+    if config.getoption("--backwards"):
+        items.reverse()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -32,3 +52,30 @@ def shared_data() -> Callable[[str], Path]:
         return folder
 
     return find
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Runs a command line as if typed; returns exit status, standard output and standard error.
+
+    Its terminal has no colours and no edge, whatever the caller's: where lines break and tables are squeezed would
+    depend on the length of temporary paths.
+    """
+    from rich.console import Console
+
+    from vfm_sdm.commands import app as cli
+
+    wide = {"width": 10_000, "height": 100, "force_terminal": False, "color_system": None}
+    monkeypatch.setattr(cli, "_out", Console(**wide))
+    monkeypatch.setattr(cli, "_err", Console(stderr=True, **wide))
+
+    def run(*words: object) -> tuple[int, str, str]:
+        try:
+            cli.main([str(word) for word in words])
+            status = 0
+        except SystemExit as stop:
+            status = stop.code or 0
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run

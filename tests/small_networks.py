@@ -1,11 +1,20 @@
 """Networks of the real structure with few channels and random weights: they run in a moment and know nothing."""
 
+from contextlib import contextmanager
+
 import pytest
 
 from vfm_sdm.inputs.session import Network
 from vfm_sdm.stages.tracking.base import find_tracker
 
 NETWORK_TRACKERS = ("vggt", "tapir", "vggt+icgn", "tapir+icgn")
+ROUNDING_PX = 1e-6
+"""How far two ways of computing one track may differ in double precision [px].
+
+Networks of random weights amplify rounding: on one processor or another, single precision makes up to 0.2 px of its
+6e-8, some three million times. Double precision begins at 1e-16, and hence ends at 4e-10; the rest is for processors
+that nobody has seen.
+"""
 
 
 def small_vggt(seed=0, **heads):
@@ -32,7 +41,13 @@ def small_vggt(seed=0, **heads):
     )
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        return Vggt(config, **heads)
+        network = Vggt(config, **heads)
+        with torch.no_grad():
+            for values in network.parameters():
+                # Attention whose weights begin at zero sees nothing, neither other points nor other frames.
+                if values.ndim > 1 and not values.is_meta and not values.any():
+                    values.normal_(0.0, values.shape[-1] ** -0.5)
+    return network
 
 
 def small_tapir(seed=0):
@@ -68,6 +83,22 @@ def tapir_on_cpu():
     from vfm_sdm.networks.tapir.inference import TapirInference
 
     return TapirInference(small_tapir(), choose_placement("cpu"))
+
+
+@contextmanager
+def in_double(inference):
+    """The network of an inference or tracker computes in double precision meanwhile: for comparisons.
+
+    In single precision, one track computed in two ways, with others or alone, differs by what the processor's kernels
+    make of another number of rows.
+    """
+    owner = getattr(inference, "follower", inference)
+    network = getattr(owner, "inference", owner).network
+    network.double()
+    try:
+        yield
+    finally:
+        network.float()
 
 
 def small_tracker(name, folder, **options):

@@ -4,11 +4,13 @@ Networks have random weights here. What they promise without knowing anything is
 follow a motion is shown with stand-ins (`tests/unit/tracking`) and with real weights (`-m weights`).
 """
 
+from contextlib import nullcontext
+
 import cv2
 import numpy as np
 import pytest
 
-from small_networks import NETWORK_TRACKERS, small_tracker
+from small_networks import NETWORK_TRACKERS, ROUNDING_PX, in_double, small_tracker
 from textures import WaveTexture
 from vfm_sdm.core.datasets import Status, check_tracks
 from vfm_sdm.core.parts import BUILT_IN
@@ -100,11 +102,11 @@ def test_is_deterministic(tracker, clip):
 
 
 def test_points_do_not_influence_each_other(tracker, clip):
-    together = track(tracker, clip)["position"].values[:, 1]
-    alone = track(tracker, clip, POINTS[1:2], names=("b",))["position"].values[:, 0]
-    # Networks compute in single precision, in another order for another number of points, and amplify it.
-    tolerance = 5e-3 if tracker.name in NETWORK_TRACKERS else 1e-9
-    np.testing.assert_allclose(alone, together, atol=tolerance)
+    network = tracker.name in NETWORK_TRACKERS
+    with in_double(tracker) if network else nullcontext():
+        together = track(tracker, clip)["position"].values[:, 1]
+        alone = track(tracker, clip, POINTS[1:2], names=("b",))["position"].values[:, 0]
+    np.testing.assert_allclose(alone, together, rtol=0, atol=ROUNDING_PX if network else 1e-9)
 
 
 def test_networks_say_which_weights_and_precision(learned, clip):

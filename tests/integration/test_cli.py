@@ -10,7 +10,7 @@ import pytest
 
 from scenes import write_scene
 from vfm_sdm.analysis.evaluation.metrics import Score
-from vfm_sdm.commands.app import main
+from vfm_sdm.commands import app as cli
 from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
 from vfm_sdm.inputs.session import Session, read_session, write_session
 from vfm_sdm.outputs.results import write_displacement
@@ -22,23 +22,6 @@ from vfm_sdm.studies.synthetic.presets import PRESETS
 @pytest.fixture(scope="module")
 def session_file(tmp_path_factory):
     return write_scene(tmp_path_factory.mktemp("scene"), frames=5)
-
-
-@pytest.fixture
-def command(monkeypatch, capsys):
-    """Runs the command; returns exit status, standard output and standard error."""
-    monkeypatch.setenv("COLUMNS", "140")
-
-    def run(*words):
-        try:
-            main([str(word) for word in words])
-            status = 0
-        except SystemExit as stop:
-            status = stop.code or 0
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return run
 
 
 def test_measure(command, session_file, tmp_path):
@@ -134,6 +117,14 @@ def test_reference_and_evaluate(command, sensor_file, run_folder, tmp_path):
     assert "100" in out
 
 
+def test_a_path_is_printed_in_one_piece(command, monkeypatch, sensor_file, tmp_path):
+    monkeypatch.setattr(cli._out, "width", 30)
+    output = tmp_path / "my [bold] bridge, spring and autumn" / "ref.nc"
+    status, out, _ = command("reference", sensor_file, "-o", output, "--column=vertical=-up")
+    assert status == 0
+    assert f"written: {output}\n" in out
+
+
 def test_a_reference_that_does_not_fit_is_refused(command, sensor_file, run_folder, tmp_path):
     status, _, err = command("reference", sensor_file, "-o", tmp_path / "ref.nc")
     assert status == 1
@@ -191,7 +182,7 @@ def test_benchmark(command, benchmark_calls, tmp_path):
     assert "with SGR, against truth" in out
     assert "with SGR, against accelerometers" in out
     assert re.search(r"data-2 +mid +vertical +0\.031 +0\.987 +0\.020", out)
-    assert re.search(r"README.md, tables and figures beside it; 1\.5 min", out.replace("\n", " "))
+    assert re.search(r"README.md, tables and figures beside it; 1\.5 min", out)
     # Field tests outside the assumptions are shown apart, and only where there are any.
     assert "THE outside_assumptions" not in out
     tables["outside_assumptions"] = comparison_table("o", "THE outside", {"with SGR": {case: score}}, cases=[case])

@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 
 from vfm_sdm.commands import app as cli
-from vfm_sdm.commands.app import main
 from vfm_sdm.networks import checkpoints, download
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
@@ -14,22 +13,10 @@ from vfm_sdm.networks.weights import local_weights
 CONTENT = b"weights" * 2_000_000
 
 
-@pytest.fixture
-def command(monkeypatch, capsys, tmp_path):
-    """Runs the command in an empty folder of weights; returns exit status, standard output and standard error."""
-    monkeypatch.setenv("COLUMNS", "100")
+@pytest.fixture(autouse=True)
+def empty_folder(monkeypatch, tmp_path):
+    """Of weights."""
     monkeypatch.setenv("VFM_SDM_WEIGHTS", str(tmp_path / "weights"))
-
-    def run(*words):
-        try:
-            main(list(words))
-            status = 0
-        except SystemExit as stop:
-            status = stop.code or 0
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return run
 
 
 @pytest.fixture
@@ -45,7 +32,7 @@ def server(monkeypatch):
 
 
 @pytest.fixture
-def terminal(monkeypatch):
+def terminal(monkeypatch, command):
     """A person at a terminal who gives this answer; the list holds the questions."""
 
     def sit(answer: str) -> list[str]:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from passes import count_passes
 from scenes import FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_points, make_tracks
@@ -132,6 +133,33 @@ def test_a_changed_setting_runs_only_what_depends_on_it(recording, tmp_path):
     assert again.displacement.attrs["relative_to"] == "mean of the still interval"
     method["tracker"] = "template"
     assert measure(changed(session, method=method), out).summary["reused_stages"] == ["cameras"]
+
+
+@pytest.mark.parametrize(
+    "method", [{"tracker": "icgn"}, {"tracker": "template"}, {"tracker": "icgn", "cameras": "file"}]
+)
+def test_each_product_is_made_once_and_each_recording_decoded_once(recorded, tmp_path, monkeypatch, method):
+    """A first frame for cameras and points, and the one pass that these trackers need."""
+    counted = count_passes(monkeypatch)
+    session = read_session(recorded)
+    chosen = session.model_copy(update={"method": session.method.model_copy(update=method)})
+    result = measure(chosen, tmp_path / "run")
+    assert result.displacement is not None
+    assert set(result.made) == set(Measurement.products())
+    assert set(result.made.values()) == {1}
+    assert [len(of_each) for of_each in counted.values()] == [2, 2, 2]
+    assert {count for of_each in counted.values() for count in of_each.values()} == {1}
+    # Asking again makes nothing again.
+    assert result.aligned is result.aligned
+    assert set(result.made.values()) == {1}
+
+
+def test_asking_for_cameras_decodes_first_frames_only(recorded, monkeypatch):
+    counted = count_passes(monkeypatch)
+    measurement = Measurement(read_session(recorded))
+    assert measurement.cameras.rig is not None
+    assert set(measurement.made) == {"recordings", "frames", "cameras"}
+    assert not counted["passes"]
 
 
 def test_without_a_folder_nothing_is_written(recorded, tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ Stand-ins take the place of trained networks: one that follows points by plain c
 import numpy as np
 import pytest
 
+from passes import count_passes
 from scenes import FRAMES, motion_mm, write_scene
 from standins import MatchingNetwork
 from vfm_sdm.core.datasets import Status
@@ -57,6 +58,15 @@ def test_network_and_registration_give_the_truth(session, matching, preset, tmp_
         assert tracks.attrs["preset"] == preset
         assert float(tracks["disagreement"].max()) < 1.0
     assert result.summary["versions"]["torch"]
+
+
+@pytest.mark.parametrize(("tracker", "passes"), [("vggt", 1), ("vggt+icgn", 2)])
+def test_the_network_and_the_registration_decode_once_each(session, matching, monkeypatch, tracker, passes):
+    counted = count_passes(monkeypatch)
+    result = measure(session(tracker=tracker, correspondence="vggt"))
+    assert set(result.made.values()) == {1}
+    assert set(counted["passes"].values()) == {passes}
+    assert set(counted["opened"].values()) == {1}
 
 
 def test_a_network_alone_says_what_it_does_not_know(session, matching):

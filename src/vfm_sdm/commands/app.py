@@ -82,7 +82,7 @@ def demo(output: Annotated[Path, Parameter(help="Folder to write to.")] = Path("
         _out.print(part)
     if result.evaluation is not None:
         _out.print(reports.evaluation_table(result.evaluation))
-    _out.print(f"written: {result.run_folder} (figures in {result.run_folder / 'figures'})")
+    _say(f"written: {result.run_folder} (figures in {result.run_folder / 'figures'})")
 
 
 @app.command(name="measure")
@@ -94,6 +94,9 @@ def measure_command(
         tuple[str, ...],
         Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
     ] = (),
+    whole_files: Annotated[
+        bool, Parameter(negative="", help="Hash large recordings as a whole, not by size, time stamp and samples.")
+    ] = False,
 ) -> None:
     """Measure a session: from recordings to displacement in millimetres, with figures and summary.
 
@@ -103,14 +106,14 @@ def measure_command(
     for form in export:
         find("writers", form)  # before any work is done
     with _progress() as progress:
-        result = measure(settings, output, progress=progress)
+        result = measure(settings, output, progress=progress, whole_files=whole_files)
     for part in reports.measurement_report(result):
         _out.print(part)
-    _out.print(f"written: {output} (figures in {output / 'figures'})")
+    _say(f"written: {output} (figures in {output / 'figures'})")
     if result.displacement is None:
         _fail(f"no displacement: {result.cameras.status}")
     for form in export:
-        _out.print(f"written: {write_export(form, output, result.displacement)}")
+        _say(f"written: {write_export(form, output, result.displacement)}")
 
 
 @app.command
@@ -121,7 +124,7 @@ def cameras(session: _SessionFile, *, output: _Output) -> None:
         solution = Measurement(settings, output, progress=progress).cameras
     for part in reports.camera_report(solution):
         _out.print(part)
-    _out.print(f"written: {output / 'cameras.toml'}")
+    _say(f"written: {output / 'cameras.toml'}")
 
 
 @app.command
@@ -131,7 +134,7 @@ def track(session: _SessionFile, *, output: _Output) -> None:
     with _progress() as progress:
         tracks = Measurement(settings, output, progress=progress).tracks
     _out.print(reports.track_table(tracks))
-    _out.print(f"written: {output / 'tracks.nc'}")
+    _say(f"written: {output / 'tracks.nc'}")
 
 
 @app.command
@@ -144,7 +147,7 @@ def displacement(session: _SessionFile, *, output: _Output) -> None:
     if result is None:
         _fail(f"no displacement: {measurement.cameras.status}")
     _out.print(reports.displacement_table(result))
-    _out.print(f"written: {output / 'displacement.nc'}, {output / 'displacement.csv'}")
+    _say(f"written: {output / 'displacement.nc'}, {output / 'displacement.csv'}")
 
 
 @app.command
@@ -177,7 +180,7 @@ def reference(
         settings=RecipeSettings(onset_s=onset, band_hz=band, integration=integration),
     )
     _out.print(reports.reference_table(result))
-    _out.print(f"written: {write_reference(output, result)}")
+    _say(f"written: {write_reference(output, result)}")
 
 
 @app.command
@@ -210,7 +213,7 @@ def evaluate(
     _out.print(reports.evaluation_table(result))
     for note in result.notes:
         _out.print(f"note: {note}", style="yellow", markup=False, highlight=False)
-    _out.print(f"written: {write_evaluation(run, result)}")
+    _say(f"written: {write_evaluation(run, result)}")
     if not result.scored_rows:
         _fail(f"no figures: {result.notes[-1]}")
 
@@ -233,13 +236,13 @@ def benchmark_command(
         result = run_benchmark(output, size=size, names=data, sensitivity=sensitivity, progress=progress)
     for table in reports.benchmark_tables(result):
         _out.print(table)
-    _out.print(f"written: {output / 'README.md'}, tables and figures beside it; {result.seconds / 60:.1f} min")
+    _say(f"written: {output / 'README.md'}, tables and figures beside it; {result.seconds / 60:.1f} min")
 
 
 @weights.command(name="list")
 def list_weights() -> None:
     """Every checkpoint: its network, size and licence, and where it lies or how to fetch it."""
-    _out.print(f"weights in {weights_folder()}", markup=False, highlight=False, soft_wrap=True)
+    _say(f"weights in {weights_folder()}")
     _out.print(reports.weights_table())
 
 
@@ -261,7 +264,7 @@ def fetch(
                 f"{what}, MB", done // 10**6, None if total is None else total // 10**6
             ),
         )
-    _out.print(f"here: {path}", markup=False, highlight=False, soft_wrap=True)
+    _say(f"here: {path}")
 
 
 @app.command
@@ -270,7 +273,7 @@ def info() -> None:
     for name, lines in describe_environment().items():
         _out.print(f"[bold]{name}[/bold]")
         for line in lines:
-            _out.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
+            _say(f"  {line}")
 
 
 def _acknowledged(name: str) -> bool:
@@ -281,6 +284,11 @@ def _acknowledged(name: str) -> bool:
     for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
         _err.print(line, markup=False, highlight=False)
     return Confirm.ask("Have you read this licence, and do you accept it?", console=_err, default=False)
+
+
+def _say(line: str) -> None:
+    """Prints a line as it is: the terminal's edge breaks no path, and brackets in it are no markup."""
+    _out.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def _fail(reason: str) -> NoReturn:

@@ -9,6 +9,7 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed; pip insta
 
 from torch.nn import functional as F  # noqa: E402
 
+from small_networks import ROUNDING_PX  # noqa: E402
 from vfm_sdm.errors import DatasetError  # noqa: E402
 from vfm_sdm.networks.vggt import feature_head  # noqa: E402
 from vfm_sdm.networks.vggt.config import VggtConfig  # noqa: E402
@@ -100,7 +101,7 @@ def queries():
     return torch.rand((6, 2), generator=seeded(2), dtype=torch.float64) * torch.tensor([42.0, 28.0])
 
 
-def same(found, expected, tolerance=1e-9):
+def same(found, expected, tolerance=ROUNDING_PX):
     torch.testing.assert_close(found, expected, rtol=0, atol=tolerance)
 
 

@@ -107,9 +107,9 @@ class TapirInference:
         """
         with self.placement.running():
             pixels = torch.from_numpy(np.ascontiguousarray(frames)).to(self.placement.device)
-            places = torch.as_tensor(queries + _CORNER, dtype=torch.float32, device=self.placement.device)
+            places = torch.as_tensor(queries + _CORNER, dtype=self._dtype, device=self.placement.device)
             asked = torch.cat([torch.zeros_like(places[:, :1]), places.flip(1)], dim=1)
-            found = self.network.track(pixels.float() / 255 * 2 - 1, asked)
+            found = self.network.track(pixels.to(self._dtype) / 255 * 2 - 1, asked)
             position = found.tracks.transpose(0, 1).cpu().double().numpy() - _CORNER
             seen, near = (
                 torch.sigmoid(-logits).T.cpu().double().numpy() for logits in (found.occlusion, found.expected_dist)
@@ -132,3 +132,7 @@ class TapirInference:
         """
         free = self.placement.free_bytes()
         return None if free is None else int(free // (height * width * _FRAME_PIXEL_BYTES))
+
+    @property
+    def _dtype(self) -> torch.dtype:
+        return next(self.network.parameters()).dtype

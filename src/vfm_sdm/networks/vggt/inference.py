@@ -1,6 +1,9 @@
 """VGGT on images as NumPy arrays: loaded once, run where there is room."""
 
-from typing import Self
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self, cast
+from weakref import WeakValueDictionary
 
 import numpy as np
 import torch
@@ -10,7 +13,7 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.networks.device import Placement, choose_placement
 from vfm_sdm.networks.interface import ChunkTracks, Precision, RgbFrames
 from vfm_sdm.networks.loading import load_weights
-from vfm_sdm.networks.vggt.model import Vggt
+from vfm_sdm.networks.vggt.model import HEADS, Vggt
 
 __all__ = ["VggtInference", "reduce_matrices"]
 
@@ -18,6 +21,10 @@ _CHANNEL_BYTES = 50
 """Peak memory of a token's channel in the aggregator: residual, queries, keys, values, hidden units [byte]."""
 _FEATURE_BYTES = 10
 """Peak memory of a feature map's value: the maps, the same normalised, and the coarser levels [byte]."""
+
+
+_LOADED: "WeakValueDictionary[tuple[str | int, ...], VggtInference]" = WeakValueDictionary()
+"""Networks that somebody holds, by their weights and where they run."""
 
 
 class VggtInference:
@@ -56,6 +63,9 @@ class VggtInference:
     ) -> Self:
         """The published network with the heads that are asked for; the others are neither built nor read.
 
+        Whoever loads the same weights to the same device gets the same network while somebody holds it: cameras,
+        matcher and tracker of a run share the 3.6 GB that they have in common.
+
         Parameters
         ----------
         weights
@@ -73,10 +83,31 @@ class VggtInference:
             The weights are not here or are others, or there is no such device.
         """
         placement = choose_placement(device, precision)
-        with torch.device("meta"):
-            network = Vggt(camera=camera, track=track)
-        load_weights(network, weights, optional_prefixes=network.heads_left_out, dtype=torch.float32)
-        return cls(network, placement)
+        heads = {"camera_head": camera, "track_head": track}
+        # A file that was replaced meanwhile is another one.
+        known = Path(weights)
+        file = (known.stat().st_size, known.stat().st_mtime_ns) if known.is_file() else ()
+        key = (weights, *file, str(placement.device), placement.precision)
+        found = _LOADED.get(key)
+        if found is None:
+            with torch.device("meta"):
+                network = Vggt(camera=camera, track=track)
+            load_weights(network, weights, optional_prefixes=network.heads_left_out, dtype=torch.float32)
+            found = _LOADED[key] = cls(network, placement)
+        found._add_heads(weights, [name for name, wanted in heads.items() if wanted])
+        return cast(Self, found)
+
+    def _add_heads(self, weights: str, names: Sequence[str]) -> None:
+        """Builds and reads those of the named heads that are not here yet."""
+        for name in names:
+            if not hasattr(self.network, name):
+                with torch.device("meta"):
+                    whole = Vggt(camera=name == "camera_head", track=name == "track_head")
+                head = nn.ModuleDict({name: getattr(whole, name)})
+                others = ("aggregator", *(other for other in HEADS if other != name))
+                load_weights(head, weights, optional_prefixes=others, dtype=torch.float32)
+                with self.placement.running(), torch.inference_mode(False):
+                    setattr(self.network, name, head[name].eval().to(self.placement.device))
 
     def estimate_poses(self, images: RgbFrames) -> FloatArray:
         """Pose vectors of images that are seen together.

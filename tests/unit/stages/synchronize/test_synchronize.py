@@ -416,9 +416,9 @@ def test_misuse_of_datasets_is_refused():
 
 def test_six_points_take_well_under_a_second():
     views = two_views(np.random.default_rng(0), lag_s=0.2, duration_s=16.0, points=6)
-    begin = time.perf_counter()
+    begin = time.process_time()  # a busy machine takes longer
     assert estimate_lag(*views, search_s=2.0, groups=pairs(6)).ok
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 1.0
 
 
 def test_noise_does_not_pull_the_lag_towards_half_samples():
