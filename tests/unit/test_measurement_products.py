@@ -5,7 +5,7 @@ import pytest
 
 from faults import FAULTS, good_run
 from measurements import MOVING, Simulated, measured
-from vfm_sdm.stages.audit import Outcome
+from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.stages.camera_motion import steady_tracks
 
 

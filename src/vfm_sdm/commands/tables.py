@@ -12,15 +12,14 @@ from rich.text import Text
 
 from vfm_sdm.analysis.evaluation import Evaluation, EvaluationRow
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
+from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, Verdict
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
 from vfm_sdm.outputs.results import summarize_displacement
-from vfm_sdm.stages.audit import Audit, Outcome, Verdict
+from vfm_sdm.stages.audit import Audit
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
-from vfm_sdm.stages.matching.correspondence import OK
-from vfm_sdm.stages.matching.points import NOT_LOOKED_FOR
 
 if TYPE_CHECKING:
     from vfm_sdm.studies.protocol import Benchmark
@@ -91,7 +90,7 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
 
 def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[RenderableType]:
     """Status, adjusted quantities beside what was known before, and points that were not found."""
-    style = "green" if solution.status == "ok" else "red"
+    style = "green" if solution.status == CameraStatus.OK else "red"
     yield Text(f"cameras: {solution.status}", style=style)
     table = Table(title="Adjustment to the site", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("quantity", "before", "std", "adjusted", "std", "unit"):
@@ -104,7 +103,7 @@ def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[R
         yield table
     if not notes:
         for (view, point), state in solution.points["status"].to_series().items():
-            if state not in (OK, NOT_LOOKED_FOR):
+            if state not in (PointStatus.OK, PointStatus.NOT_LOOKED_FOR):
                 yield Text(f"point {point!r} in view {view!r}: {state}", style="red")
     if notes:
         for note in solution.notes:

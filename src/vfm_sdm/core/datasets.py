@@ -24,6 +24,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, clock_departure
+from vfm_sdm.core.statuses import SampleStatus
 from vfm_sdm.errors import DatasetError
 
 __all__ = [
@@ -50,22 +51,13 @@ __all__ = [
 PIXEL = ("u", "v")
 STRUCTURE_AXES = ("lateral", "vertical", "longitudinal")
 CAMERA_AXES = ("right", "down", "forward")
-STATUS_MEANINGS = ("ok", "lost", "outside", "unreliable", "behind_camera")
+STATUS_MEANINGS = tuple(str(status) for status in SampleStatus)
 
 
 class Status:
-    """Codes of a sample's ``status``: why a position is NaN, or should not be trusted."""
+    """Codes of `vfm_sdm.core.statuses.SampleStatus`, as the arrays ``status`` hold them."""
 
-    OK = 0
-    """Found and trusted."""
-    LOST = 1
-    """Not found again; NaN."""
-    OUTSIDE = 2
-    """Left the image; NaN."""
-    UNRELIABLE = 3
-    """Found, but with poor resemblance or uncertainty; the value stands, use with care."""
-    BEHIND = 4
-    """Triangulated behind a camera: the rays do not meet in front of both; NaN. In displacement only."""
+    OK, LOST, OUTSIDE, UNRELIABLE, BEHIND = range(len(SampleStatus))
 
 
 _SENSOR_DIMS = ("time", "sensor", "axis")
@@ -120,7 +112,7 @@ def make_points(
             {
                 "position": ((*dims, "pixel"), np.asarray(position, np.float64), {"units": "px"}),
                 "position_std": ((*dims, "pixel"), np.asarray(position_std, np.float64), {"units": "px"}),
-                "status": (dims, np.asarray(status, dtype=object)),
+                "status": (dims, np.asarray(np.asarray(status, dtype=str), dtype=object)),
             },
             coords={"view": list(views), "point": list(points), "pixel": list(PIXEL)},
         )

@@ -12,6 +12,7 @@ import av
 import numpy as np
 from av.sidedata.sidedata import SideData
 
+from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.color import convert_part
 from vfm_sdm.inputs.video.decoder import open_stream, read_pictures
@@ -75,7 +76,7 @@ class ContainerSource:
         width, height = _turned_size(picture, self.info.rotation_deg)
         if (width, height, picture.format.name) != (self.info.width, self.info.height, self.info.pixel_format):
             raise DecodeStop(
-                "corrupt",
+                RecordingStatus.CORRUPT,
                 f"expected {self.info.width} x {self.info.height} {self.info.pixel_format} throughout, got "
                 f"{width} x {height} {picture.format.name}; cut the file where the camera changed its settings",
             )
@@ -112,7 +113,7 @@ def _rising_stamp(picture: av.VideoFrame, last: int | None, base: Fraction) -> i
     stamp = cast("int", picture.pts)
     if last is not None and stamp <= last:
         raise DecodeStop(
-            "corrupt",
+            RecordingStatus.CORRUPT,
             f"expected rising time stamps, got {float(stamp * base):.6f} s after {float(last * base):.6f} s; "
             "write the file anew with rising stamps",
         )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import av
 
+from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.integrity import missing_bytes
 from vfm_sdm.inputs.video.records import DecodeStop
@@ -109,7 +110,7 @@ def read_pictures(path: Path) -> Generator[av.VideoFrame]:
         try:
             yield from first.pictures()
         except DecodeStop as stop:
-            if stop.status == "truncated":
+            if stop.status == RecordingStatus.TRUNCATED:
                 raise
             damage = stop
         else:
@@ -195,7 +196,9 @@ class _Pass:
                 yield from self._remaining_pictures(fed)
                 raise self._damage(f"damaged data ({error.strerror})") from error
         if partial or missing > 0:
-            raise DecodeStop("truncated", f"the file ends early, by at least {max(missing, 1)} bytes; copy it again")
+            raise DecodeStop(
+                RecordingStatus.TRUNCATED, f"the file ends early, by at least {max(missing, 1)} bytes; copy it again"
+            )
         if self._waiting and not (self._fields or self._ended):
             raise self._damage(f"{len(self._waiting)} pictures that do not decode")
 
@@ -216,7 +219,7 @@ class _Pass:
             stamp = picture.pts
             if stamp is None:
                 raise DecodeStop(
-                    "corrupt",
+                    RecordingStatus.CORRUPT,
                     "a frame has no time stamp; copy the recording into an mp4 or mkv file with time stamps, or give "
                     "its frames as images with their fps",
                 )
@@ -258,6 +261,6 @@ class _Pass:
     def _damage(self, found: str) -> DecodeStop:
         base = self._video.time_base
         if self._first is None or self._last is None or base is None:
-            return DecodeStop("corrupt", f"{found} at the start; copy the file again")
+            return DecodeStop(RecordingStatus.CORRUPT, f"{found} at the start; copy the file again")
         after_s = float((self._last - self._first) * base)
-        return DecodeStop("corrupt", f"{found} after {after_s:.3f} s; copy the file again")
+        return DecodeStop(RecordingStatus.CORRUPT, f"{found} after {after_s:.3f} s; copy the file again")

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, RgbArray, VideoInfo
 from vfm_sdm.inputs.video.region import Region
@@ -137,7 +138,9 @@ def _read_image(path: Path) -> tuple[ImageArray, Callable[[], ImageArray]]:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise DecodeStop("corrupt", f"{path}: expected an image, got {error.strerror}; check the file") from error
+        raise DecodeStop(
+            RecordingStatus.CORRUPT, f"{path}: expected an image, got {error.strerror}; check the file"
+        ) from error
     if data[:2] == _JPEG:
         return _decode(path, data, _LUMA_ONLY), cache(partial(_decode, path, data, cv2.IMREAD_COLOR))
     image = _decode(path, data, _AS_STORED)
@@ -152,7 +155,9 @@ def _decode(path: Path, data: bytes, flags: int) -> ImageArray:
     # From memory, since OpenCV fills up a JPEG file that ends early with grey. An empty buffer makes it raise.
     image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
     if image is None:
-        raise DecodeStop("corrupt", f"{path}: expected an image, got data that do not decode; copy the file again")
+        raise DecodeStop(
+            RecordingStatus.CORRUPT, f"{path}: expected an image, got data that do not decode; copy the file again"
+        )
     return cast("ImageArray", image)
 
 

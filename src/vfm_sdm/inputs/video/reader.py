@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import DatasetError, VideoError
 from vfm_sdm.inputs.video.clock import count_dropped
 from vfm_sdm.inputs.video.container import ContainerSource
 from vfm_sdm.inputs.video.images import ImageSource
-from vfm_sdm.inputs.video.records import DecodeReport, DecodeStatus, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
+from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
 
 __all__ = ["Video", "open_images", "open_video"]
 
@@ -32,7 +33,7 @@ class Video:
 
     def __init__(self, source: FrameSource) -> None:
         self._source = source
-        self._report = DecodeReport(0, 0, 0, "not read", "no pass over the frames has ended yet")
+        self._report = DecodeReport(0, 0, 0, RecordingStatus.NOT_READ, "no pass over the frames has ended yet")
 
     @property
     def info(self) -> VideoInfo:
@@ -127,7 +128,7 @@ class Video:
 
     def _pass(self, stop: int | None) -> Iterator[Frame]:
         tally = _Tally()
-        status: DecodeStatus = "ok"
+        status = RecordingStatus.OK
         detail = "left before its end"
         try:
             with closing(self._source.stream()) as stream:
@@ -140,7 +141,7 @@ class Video:
                 else:
                     detail = ""
         except (DecodeStop, VideoError) as error:
-            status = error.status if isinstance(error, DecodeStop) else "corrupt"
+            status = error.status if isinstance(error, DecodeStop) else RecordingStatus.CORRUPT
             detail = str(error)
             if isinstance(error, VideoError):
                 raise
@@ -166,7 +167,7 @@ class _Tally:
         self._previous = frame.luma
         self._time_s.append(frame.time_s)
 
-    def report(self, info: VideoInfo, status: DecodeStatus, detail: str) -> DecodeReport:
+    def report(self, info: VideoInfo, status: RecordingStatus, detail: str) -> DecodeReport:
         self._previous = None
         dropped, regular = count_dropped(np.array(self._time_s))
         words = [f"read {self.frames}{_format_claim(info)} frames"]

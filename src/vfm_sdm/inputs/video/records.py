@@ -2,18 +2,16 @@
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.inputs.video.region import Region
 
-__all__ = ["DecodeReport", "DecodeStatus", "DecodeStop", "Frame", "FrameSource", "RgbArray", "VideoInfo"]
-
-DecodeStatus = Literal["ok", "truncated", "corrupt", "not read"]
-"""How a pass ended: all that was asked for was read; the file ends early; data or time stamps are damaged; no pass."""
+__all__ = ["DecodeReport", "DecodeStop", "Frame", "FrameSource", "RgbArray", "VideoInfo"]
 
 RgbArray = npt.NDArray[np.uint8]
 """Red, green, blue, shape (height, width, 3)."""
@@ -105,7 +103,7 @@ class DecodeReport:
     """Frames whose luma equals that of the frame before."""
     dropped: int
     """Frames missing in the time stamps (see `vfm_sdm.inputs.video.clock`); always 0 for images, which carry none."""
-    status: DecodeStatus
+    status: RecordingStatus
     message: str
 
 
@@ -120,9 +118,9 @@ class DecodeStop(Exception):  # noqa: N818  (the end of what can be read, not mi
         What was found, and what to do about it.
     """
 
-    def __init__(self, status: Literal["truncated", "corrupt"], detail: str) -> None:
+    def __init__(self, status: RecordingStatus, detail: str) -> None:
         super().__init__(detail)
-        self.status: Literal["truncated", "corrupt"] = status
+        self.status = status
         self.detail = detail
 
 

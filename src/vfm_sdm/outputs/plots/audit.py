@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vfm_sdm.stages.audit import Audit, Outcome, Verdict
+from vfm_sdm.core.statuses import Outcome, Verdict
+from vfm_sdm.stages.audit import Audit
 
 __all__ = ["plot_audit"]
 

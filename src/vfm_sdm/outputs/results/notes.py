@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.statuses import ClockStatus, RecordingStatus, RefinementStatus
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
-from vfm_sdm.stages.synchronize import STATED, LagStatus
 
 __all__ = [
     "describe_camera_motion",
@@ -35,7 +35,7 @@ def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
     notes = []
     for view, of_view in tracks.items():
         record = describe_recording(of_view)
-        if record.get("status", "ok") != "ok":
+        if record.get("status", RecordingStatus.OK) != RecordingStatus.OK:
             notes.append(f"view {view!r}: {record['status']}: {record.get('message', '')}")
         if record.get("bits_per_pixel", np.nan) < _CLEAN_BITS_PER_PIXEL:
             notes.append(
@@ -53,7 +53,7 @@ def describe_clocks(displacement: xr.Dataset) -> dict[str, Any]:
     names = {"status": "clock_status", "offset_s": "clock_offset"}
     names |= {"offset_std_s": "clock_offset_std", "rate_ratio": "clock_rate"}
     found = _by_view(displacement, names)
-    return {view: row for view, row in list(found.items())[1:] if row["status"] != STATED}
+    return {view: row for view, row in list(found.items())[1:] if row["status"] != ClockStatus.STATED}
 
 
 def describe_camera_motion(displacement: xr.Dataset) -> dict[str, Any]:
@@ -98,11 +98,12 @@ def displacement_notes(displacement: xr.Dataset | None) -> list[str]:
         'stated, and then all samples are marked unreliable); state it, or set method.synchronization = "none" for '
         "cameras that start together"
         for view, clock in describe_clocks(displacement).items()
-        if clock["status"] != LagStatus.OK
+        if clock["status"] != ClockStatus.OK
     ]
     notes += _assumption_notes(displacement)
     refined = describe_refinement(displacement)
-    return notes + [f"point {p!r}: not refined: {row['status']}" for p, row in refined.items() if row["status"] != "ok"]
+    refused = {p: row["status"] for p, row in refined.items() if row["status"] != RefinementStatus.OK}
+    return notes + [f"point {p!r}: not refined: {status}" for p, status in refused.items()]
 
 
 def _assumption_notes(displacement: xr.Dataset) -> list[str]:

@@ -3,10 +3,11 @@
 from math import nan
 
 from vfm_sdm.core.registry import find, part_names
+from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.stages.audit.model import Audit, AuditCheck, AuditInputs, Outcome, Verdict
+from vfm_sdm.stages.audit.model import Audit, AuditCheck, AuditInputs
 
-__all__ = ["Audit", "AuditCheck", "AuditInputs", "Outcome", "Verdict", "audit"]
+__all__ = ["Audit", "AuditCheck", "AuditInputs", "audit"]
 
 
 def audit(inputs: AuditInputs) -> Audit:

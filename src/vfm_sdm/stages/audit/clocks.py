@@ -3,8 +3,9 @@
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs, Outcome, judge
-from vfm_sdm.stages.synchronize import LagStatus, Synchronization, estimate_view_lag
+from vfm_sdm.core.statuses import ClockStatus, Outcome
+from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.synchronize import Synchronization, estimate_view_lag
 
 __all__ = ["check_drift", "check_synchronization"]
 
@@ -79,7 +80,7 @@ def _lags(inputs: AuditInputs, aligned: xr.Dataset) -> dict[str, Synchronization
 
 def _silent(*lags: Synchronization) -> str:
     """Why the motion tells no lag."""
-    return f"the motion does not tell: {next((lag.status for lag in lags if not lag.ok), LagStatus.NO_MOTION)}"
+    return f"the motion does not tell: {next((lag.status for lag in lags if not lag.ok), ClockStatus.NO_MOTION)}"
 
 
 def _significant(lag: Synchronization, other: Synchronization | None = None) -> float:

@@ -6,9 +6,10 @@ import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.statuses import CameraStatus, Outcome
 from vfm_sdm.geometry.triangulation import sampson_error
-from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Outcome, judge
-from vfm_sdm.stages.cameras.site import DISAGREE, NOT_CONVERGED, NOT_IDENTIFIABLE, SiteQuantity
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.cameras.site import SiteQuantity
 
 __all__ = ["check_agreement", "check_baseline", "check_epipolar_level", "check_epipolar_motion", "check_site"]
 
@@ -40,7 +41,7 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
     show after it.
     """
     name, cameras = "site and lenses", inputs.cameras
-    if cameras.status in (NOT_CONVERGED, NOT_IDENTIFIABLE):
+    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE):
         sentence = f"{cameras.status}: the displacement has no usable scale"
         return AuditCheck(name, Outcome.FAIL, float("nan"), _W_CAUTION, "std", sentence)
     tested = {q.name: _standardised(q) for q in cameras.quantities if _redundancy(q) > _LEAST_REDUNDANCY}
@@ -53,7 +54,7 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
         good="what was measured on site, the lenses and the images agree",
         bad="{} contradicts the rest; a lens, a tape reading or a point is wrong, and with it the scale",
     )
-    if cameras.status in ("ok", DISAGREE) or judged.outcome == Outcome.FAIL:
+    if cameras.status in (CameraStatus.OK, CameraStatus.DISAGREE) or judged.outcome == Outcome.FAIL:
         return judged
     return replace(judged, outcome=Outcome.CAUTION, sentence=f"{cameras.status}; the notes of the cameras say where")
 

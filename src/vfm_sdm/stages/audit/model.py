@@ -2,39 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray, mean_of_known
+from vfm_sdm.core.statuses import Outcome, Verdict
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
-__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "Outcome", "Verdict", "judge"]
+__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "judge"]
 
 NOISE_TRUST = 1.5
 """Stated noise may be too small by this factor before it counts as motion."""
-
-
-class Outcome(StrEnum):
-    """How a check ended."""
-
-    PASS = "pass"
-    CAUTION = "caution"
-    FAIL = "fail"
-    NOT_POSSIBLE = "not possible"
-    """Something that it needs was not measured or not filmed; the sentence says what."""
-
-
-class Verdict(StrEnum):
-    """What the checks add up to."""
-
-    FIT = "fit to use"
-    CARE = "use with care"
-    REFUSED = "do not use"
 
 
 @dataclass(frozen=True)

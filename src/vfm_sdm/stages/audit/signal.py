@@ -7,7 +7,8 @@ from scipy.ndimage import shift as shift_image
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.datasets import Status
-from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Outcome, judge
+from vfm_sdm.core.statuses import Outcome, RecordingStatus, RefinementStatus
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
 from vfm_sdm.stages.registration.subsets import register_subset
 
@@ -90,7 +91,9 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
     """Share of frames that the recordings lack or repeat, and whether they end early."""
     name = "recordings"
     records = {view: t.attrs["recording"] for view, t in inputs.tracks.items() if "recording" in t.attrs}
-    damaged = [view for view, record in records.items() if record.get("status", "ok") != "ok"]
+    damaged = [
+        view for view, record in records.items() if record.get("status", RecordingStatus.OK) != RecordingStatus.OK
+    ]
     share = {
         view: (record["dropped"] + record["duplicated"]) / max(record["frames"], 1) for view, record in records.items()
     }
@@ -118,7 +121,7 @@ def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
         for point, status in zip(
             inputs.displacement["point"].values, inputs.displacement["refinement_status"].values, strict=True
         )
-        if status != "ok" and str(point) in inputs.moving
+        if status != RefinementStatus.OK and str(point) in inputs.moving
     }
     share = len(refused) / max(len(inputs.moving), 1)
     if refused:

@@ -7,7 +7,8 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known, unbroken_runs
 from vfm_sdm.core.datasets import Status
-from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Outcome, judge
+from vfm_sdm.core.statuses import Outcome
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
 
 __all__ = [
     "check_camera_motion",

@@ -8,21 +8,13 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
 from vfm_sdm.core.datasets import Status, check_tracks, trusted_values
+from vfm_sdm.core.statuses import CameraMotionStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
 from vfm_sdm.stages.camera_motion.estimation import MotionEstimate, compute_motion_jacobian, estimate_motion
 
-__all__ = ["CAMERA_MOTION_STATUSES", "CameraMotion", "ViewMotion", "remove_camera_motion", "steady_tracks"]
-
-CAMERA_MOTION_STATUSES = ("ok", "one static point", "still", "no gain", "no static points")
-"""What became of a view; its tracks are changed with the first two only.
-
-``ok``: static points, each predicted by the others, scatter less. ``one static point``: removed, but nothing shows that
-the point did not move itself. ``still``: the static points shift no more than their noise, or each for itself.
-``no gain``: they shift together, but not as a moving camera would make them. ``no static points``: none has a known
-depth.
-"""
+__all__ = ["CameraMotion", "ViewMotion", "remove_camera_motion", "steady_tracks"]
 
 _SIGNIFICANT = 20.0
 """Likelihood ratio that a still camera reaches once in 10^5 recordings (chi-square with one degree of freedom)."""
@@ -40,7 +32,7 @@ class ViewMotion:
     Parameters
     ----------
     status
-        One of `CAMERA_MOTION_STATUSES`.
+        One of `vfm_sdm.core.statuses.CameraMotionStatus`.
     static
         Names of the S static points that were used.
     rotation, rotation_std
@@ -65,7 +57,7 @@ class ViewMotion:
     @property
     def applied(self) -> bool:
         """Whether the motion was removed from the tracks."""
-        return self.status in {"ok", "one static point"}
+        return self.status in {CameraMotionStatus.OK, CameraMotionStatus.ONE_POINT}
 
     @property
     def rms_before_px(self) -> float:
@@ -189,19 +181,21 @@ def _remove_from_view(
     if not usable:
         nothing = np.full((frames, 3), np.nan)
         empty = np.zeros(0)
-        return tracks, ViewMotion("no static points", (), nothing, nothing, nothing, nothing, empty, empty)
+        return tracks, ViewMotion(CameraMotionStatus.NO_POINTS, (), nothing, nothing, nothing, nothing, empty, empty)
     covariance = tracks["position_covariance"].values[:, usable]
     estimate = estimate_motion(position[:, usable], covariance, jacobian[usable])
     seen = np.asarray(np.isfinite(position[:, usable]).all(axis=-1))
     shift, left = _compute_shifts(position[:, usable], seen, jacobian[usable], estimate)
     before, after = _compute_scatter(shift), _compute_scatter(left)
     if estimate.likelihood_ratio < _SIGNIFICANT:
-        status = "still"
+        status = CameraMotionStatus.STILL
     elif len(usable) == 1:
         noise_px = _root_mean_square(np.sqrt(np.einsum("tpii->tp", covariance)[seen]))
-        status = "one static point" if before[0] > max(_CLEAR * noise_px, _CLEAR_PX) else "still"
+        clear = before[0] > max(_CLEAR * noise_px, _CLEAR_PX)
+        status = CameraMotionStatus.ONE_POINT if clear else CameraMotionStatus.STILL
     else:
-        status = "ok" if _compute_predicted_share(shift, left) > _PREDICTED else "no gain"
+        predicted = _compute_predicted_share(shift, left) > _PREDICTED
+        status = CameraMotionStatus.OK if predicted else CameraMotionStatus.NO_GAIN
     found = np.asarray(seen.any(axis=1))[:, None]
     motion = np.where(found, estimate.motion, np.nan)
     std = np.where(found, np.sqrt(np.einsum("taa->ta", estimate.covariance)), np.nan)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from vfm_sdm.core.registry import find, make
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import FirstFrames, Method, Session
 from vfm_sdm.stages.matching.matches import Matches
@@ -31,7 +32,7 @@ class CameraEstimate:
 
     rig: Rig | None
     matches: tuple[Matches, ...] = ()
-    status: str = "ok"
+    status: str = CameraStatus.OK
     notes: tuple[str, ...] = ()
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, mode
 
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
 from vfm_sdm.geometry.rig_views import select_views
@@ -258,7 +259,7 @@ class FileCameras:
             rig = Rig.from_world(tuple(frames), cameras, metric=metric == {True})
         if rig.covariance is None:
             notes.append("camera files: without a joint covariance their part of the uncertainty is unknown")
-        return CameraEstimate(rig, (), "ok", tuple(notes))
+        return CameraEstimate(rig, (), CameraStatus.OK, tuple(notes))
 
 
 def _read_entry(path: Path | str) -> _RigEntry:

@@ -7,14 +7,14 @@ from glob import glob
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.inputs.session import Session, View, lens_from_exif
 from vfm_sdm.stages.cameras.file import read_camera
 
-__all__ = ["CONTRADICTION", "CameraPriors", "read_priors"]
+__all__ = ["CameraPriors", "read_priors"]
 
-CONTRADICTION = "focal lengths contradict what is known of the lenses"
 
 _UNKNOWN_FOCAL = 1.2
 """Focal length over the longer image side where nothing is known: a normal lens. Only a place to start from; its
@@ -58,7 +58,7 @@ class CameraPriors:
     intrinsics_std: FloatArray
     baseline_m: float
     notes: tuple[str, ...]
-    status: str = "ok"
+    status: str = CameraStatus.OK
 
     def fused(self, focal_px: FloatArray, *, relative_std: float, source: str) -> "CameraPriors":
         """The priors with focal lengths that include another estimate of them, where the two do not contradict.
@@ -93,7 +93,7 @@ class CameraPriors:
                 notes.append(f"view {name!r}: {source} gives two focal lengths, {found[0]:.0f} and {found[1]:.0f} px")
             if abs(off) > _CONTRADICTION_STD * joint:
                 notes.append(f"view {name!r}: {source}'s focal length is {np.expm1(off):+.0%} off what was known of it")
-                status = CONTRADICTION
+                status = CameraStatus.CONTRADICTION
                 cameras.append(camera)
                 continue
             step = off * (std[0] / joint) ** 2

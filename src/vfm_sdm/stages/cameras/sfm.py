@@ -16,19 +16,19 @@ import cv2
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.cameras.base import CameraEstimate
 from vfm_sdm.stages.cameras.priors import CameraPriors, read_priors
-from vfm_sdm.stages.cameras.two_view import MIN_INLIERS, TOO_FEW_MATCHES
+from vfm_sdm.stages.cameras.two_view import MIN_INLIERS
 from vfm_sdm.stages.matching.base import FeatureMatcher
 from vfm_sdm.stages.matching.features import to_eight_bit
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["NOT_RECONSTRUCTED", "SfmCameras"]
+__all__ = ["SfmCameras"]
 
-NOT_RECONSTRUCTED = "structure from motion did not converge"
 
 _FEATURES = 4000
 _LONG_SIDE_PX = 2000
@@ -228,16 +228,18 @@ def _make_estimate(
     )
     if too_few:
         advice = f"every view needs {MIN_INLIERS} with another one; choose views that overlap more"
-        return CameraEstimate(None, (), TOO_FEW_MATCHES, (*priors.notes, f"{counts}; {advice}"))
+        return CameraEstimate(None, (), CameraStatus.TOO_FEW_MATCHES, (*priors.notes, f"{counts}; {advice}"))
     posed = _read_poses(priors.cameras, model) if model is not None else None
     if model is None or posed is None:
         advice = "state the lens of every view, or choose views with more overlap, depth and distance between them"
-        return CameraEstimate(None, (), NOT_RECONSTRUCTED, (*priors.notes, f"{counts}; {advice}"))
+        return CameraEstimate(None, (), CameraStatus.NOT_RECONSTRUCTED, (*priors.notes, f"{counts}; {advice}"))
     note = (
         f"structure from motion: {model.num_points3D()} points, mean reprojection error "
         f"{model.compute_mean_reprojection_error():.2f} px; {counts}"
     )
-    return CameraEstimate(priors.metric_rig(posed), _read_matches(model, len(posed)), "ok", (*priors.notes, note))
+    return CameraEstimate(
+        priors.metric_rig(posed), _read_matches(model, len(posed)), CameraStatus.OK, (*priors.notes, note)
+    )
 
 
 def _read_poses(cameras: Sequence[Camera], model: Any) -> tuple[Camera, ...] | None:

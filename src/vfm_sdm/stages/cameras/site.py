@@ -14,19 +14,15 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Site
 from vfm_sdm.stages.cameras.site_problem import SiteProblem
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["DISAGREE", "NOT_CONVERGED", "NOT_IDENTIFIABLE", "SiteAdjustment", "SiteQuantity", "adjust_to_site"]
+__all__ = ["SiteAdjustment", "SiteQuantity", "adjust_to_site"]
 
-DISAGREE = "priors and images disagree"
-"""Some quantity left its prior or its measured value by more than three standard deviations."""
-NOT_IDENTIFIABLE = "focal length not determined"
-"""No focal prior and nothing measured on site that fixes the focal length: displacement has no usable scale."""
-NOT_CONVERGED = "site adjustment did not converge"
 
 _DISAGREEMENT_STD = 3.0
 _DETERMINED = 0.9
@@ -234,7 +230,7 @@ def _verdict(
         for q in unusable
     ]
     if not converged:
-        return NOT_CONVERGED, tuple(notes)
+        return CameraStatus.NOT_CONVERGED, tuple(notes)
     if unusable:
-        return NOT_IDENTIFIABLE, tuple(notes)
-    return (DISAGREE if disagreeing else "ok"), tuple(notes)
+        return CameraStatus.NOT_IDENTIFIABLE, tuple(notes)
+    return (CameraStatus.DISAGREE if disagreeing else CameraStatus.OK), tuple(notes)

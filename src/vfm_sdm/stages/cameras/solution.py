@@ -13,6 +13,7 @@ import xarray as xr
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import make_points
 from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
@@ -45,7 +46,7 @@ class CameraSolution:
     covariance: FloatArray | None
     points: xr.Dataset
     quantities: tuple[SiteQuantity, ...] = ()
-    status: str = "ok"
+    status: str = CameraStatus.OK
     notes: tuple[str, ...] = ()
     epipolar_rms_px: float = field(default=float("nan"))
 

@@ -11,20 +11,19 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.statuses import CameraStatus, PointStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import FirstFrames, Session, Site
 from vfm_sdm.stages.cameras.base import CameraEstimator
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.base import PointMatcher
-from vfm_sdm.stages.matching.correspondence import OK
 from vfm_sdm.stages.matching.locate import PointFinder
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import check_inside, named_points
 
-__all__ = ["ONE_VIEW", "solve_cameras"]
+__all__ = ["solve_cameras"]
 
-ONE_VIEW = "one view: motion in the image plane only"
 _NO_COVARIANCE = "the camera file states no covariance: the scale has no stated uncertainty"
 
 
@@ -54,7 +53,7 @@ def solve_cameras(
     check_inside(session, frames)
     views = list(frames)
     if len(views) == 1:
-        return CameraSolution(None, None, None, named_points(session, views), status=ONE_VIEW)
+        return CameraSolution(None, None, None, named_points(session, views), status=CameraStatus.ONE_VIEW)
     estimate = estimator.estimate(session, frames)
     if estimate.rig is None:
         points = named_points(session, views)
@@ -78,7 +77,7 @@ def solve_cameras(
         adjusted.covariance if known else None,
         points,
         quantities=adjusted.quantities,
-        status=adjusted.status if estimate.status == "ok" else estimate.status,
+        status=adjusted.status if estimate.status == CameraStatus.OK else estimate.status,
         notes=tuple(notes),
         epipolar_rms_px=adjusted.epipolar_rms_px,
     )
@@ -124,5 +123,5 @@ def _missing(points: xr.Dataset) -> list[str]:
         f"point {str(point)!r}, view {str(view)!r}: {why}"
         for point in points["point"].values
         for view in points["view"].values
-        if (why := status.sel(view=view, point=point).item()) != OK
+        if (why := status.sel(view=view, point=point).item()) != PointStatus.OK
     ]

@@ -11,6 +11,7 @@ import numpy as np
 import poselib
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Session
@@ -21,16 +22,12 @@ from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = [
     "MIN_INLIERS",
-    "NO_COMMON_SCALE",
-    "TOO_FEW_MATCHES",
     "RelatedView",
     "TwoViewCameras",
     "estimate_relative_pose",
     "relate_to_first",
 ]
 
-TOO_FEW_MATCHES = "too few matches between the views"
-NO_COMMON_SCALE = "too few points seen in three views"
 
 MIN_INLIERS = 30
 """Number of matches in agreement with one pose from which a pair of views counts as related."""
@@ -67,7 +64,7 @@ class TwoViewCameras:
         related: list[RelatedView] = []
         for view in relate_to_first(frames, priors.cameras):
             if view.fault:
-                return CameraEstimate(None, (), TOO_FEW_MATCHES, (*priors.notes, view.fault))
+                return CameraEstimate(None, (), CameraStatus.TOO_FEW_MATCHES, (*priors.notes, view.fault))
             related.append(view)
         cameras = [first, *(view.camera for view in related)]
         matches = [view.matches for view in related]
@@ -78,11 +75,11 @@ class TwoViewCameras:
                     f"{names[0]}, {names[1]} and {names[index]}: {len(common)} matches go through all three, "
                     f"{MIN_INLIERS} are needed; choose views that overlap more"
                 )
-                return CameraEstimate(None, (), NO_COMMON_SCALE, (*priors.notes, note))
+                return CameraEstimate(None, (), CameraStatus.NO_COMMON_SCALE, (*priors.notes, note))
             pose = view.camera.cam_from_world * np.array([1.0, 1.0, 1.0, np.median(ratios)])
             cameras[index] = replace(view.camera, cam_from_world=pose)
             matches.append(common)
-        return CameraEstimate(priors.metric_rig(cameras), tuple(matches), "ok", priors.notes)
+        return CameraEstimate(priors.metric_rig(cameras), tuple(matches), CameraStatus.OK, priors.notes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import FirstFrames, Network, Session
 from vfm_sdm.networks.availability import choose_weights, require_torch
@@ -19,10 +20,8 @@ from vfm_sdm.stages.matching.network_view import network_view
 if TYPE_CHECKING:
     from vfm_sdm.networks.vggt.inference import VggtInference
 
-__all__ = ["NOT_A_CAMERA", "ONE_PLACE", "VggtCameras"]
+__all__ = ["VggtCameras"]
 
-NOT_A_CAMERA = "VGGT gave no field of view or no rotation"
-ONE_PLACE = "VGGT put the first two cameras in one place"
 _FOCAL_STD, _ROTATION_STD_RAD, _POSITION_STD = 0.05, 0.035, 0.1
 """Standard deviations of VGGT's focal length (relative), rotation, and position over the baseline; assumed, not
 measured."""
@@ -83,12 +82,12 @@ class VggtCameras:
         # Each axis was resized by itself.
         focal = intrinsics[:, [0, 1], [0, 1]] / [[canvas.region.scale_u, canvas.region.scale_v] for canvas in canvases]
         if not (np.isfinite(focal).all() and np.isfinite(poses).all()):
-            return CameraEstimate(None, (), NOT_A_CAMERA, (*priors.notes, "use another camera estimator"))
+            return CameraEstimate(None, (), CameraStatus.NOT_A_CAMERA, (*priors.notes, "use another camera estimator"))
         priors = priors.fused(focal, relative_std=_FOCAL_STD, source="VGGT")
         posed = [replace(c, cam_from_world=pose) for c, pose in zip(priors.cameras, poses, strict=True)]
         rig = Rig.from_world(priors.names, posed, metric=False)
         if rig.baseline() < _MIN_BASELINE:
-            return CameraEstimate(None, (), ONE_PLACE, (*priors.notes, "use another camera estimator"))
+            return CameraEstimate(None, (), CameraStatus.ONE_PLACE, (*priors.notes, "use another camera estimator"))
         rig = priors.metric_rig(rig.cameras, rotation_std_rad=_ROTATION_STD_RAD, position_std=_POSITION_STD)
         related = list(relate_to_first(frames, priors.cameras))
         matches = tuple(view.matches for view in related if not view.fault)

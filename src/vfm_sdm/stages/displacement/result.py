@@ -88,7 +88,7 @@ def add_facts(
         displacement = displacement.assign(
             camera_motion_before=("view", [m.rms_before_px for m in of_view], {"units": "px"}),
             camera_motion_after=("view", [m.rms_after_px for m in of_view], {"units": "px"}),
-            camera_motion_status=("view", np.array([m.status for m in of_view], dtype=object)),
+            camera_motion_status=("view", np.array([str(m.status) for m in of_view], dtype=object)),
         )
     if not np.isfinite(aligned["clock_offset_std"].values).all():
         codes = displacement["status"]
@@ -98,7 +98,7 @@ def add_facts(
         displacement = displacement.assign(
             refinement_correction=(("time", "point"), refinement.correction_px, {"units": "px"}),
             prior_share=("point", refinement.prior_share, {"units": "1"}),
-            refinement_status=("point", np.array(list(refinement.status), dtype=object)),
+            refinement_status=("point", np.array([str(status) for status in refinement.status], dtype=object)),
             refined_view=("point", np.array(views, dtype=object)),
         )
     return displacement

@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray, as_float_array
+from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
@@ -18,12 +19,8 @@ from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, has_rival
 from vfm_sdm.stages.registration.subsets import Registration, register_subset
 
-__all__ = ["AMBIGUOUS", "NOT_FOUND", "NOT_RETURNED", "OK", "Correspondence", "Surface", "find_correspondences"]
+__all__ = ["Correspondence", "Surface", "find_correspondences"]
 
-OK = "ok"
-NOT_FOUND = "not found in the other view"
-AMBIGUOUS = "several places look alike"
-NOT_RETURNED = "the way back ends elsewhere"
 
 _MIN_CORRELATION = 0.7
 _DISTINCT_PX = 3.0
@@ -179,7 +176,7 @@ def find_correspondences(
             f"points2d: expected pixels inside {width} x {height}, got {points.tolist()}; check the view"
         )
     least = max(1, round(subset_px / _SIZES_PX[0]))
-    results: list[_Outcome] = [(None, NOT_FOUND, float("nan"))] * len(points)
+    results: list[_Outcome] = [(None, PointStatus.NOT_FOUND, float("nan"))] * len(points)
     if surface is not None:
         levels = [_reduced(images, rig, matches, factor) for factor in range(least, 0, -1)]
         results = [_find_on_surface(images, levels, point, surface, subset_px) for point in points]
@@ -187,9 +184,9 @@ def find_correspondences(
     for factor in dict.fromkeys((least, max(1, least - 1), *(least * more for more in _REDUCTIONS))):
         level = _reduced(images, rig, matches, factor)
         for index, point in enumerate(points):
-            if results[index][1] in (NOT_FOUND, NOT_RETURNED):
+            if results[index][1] in (PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED):
                 found = _find_one(images, level, point, subset_px=subset_px, given=(given or {}).get(index))
-                if found[1] == OK or results[index][0] is None:
+                if found[1] == PointStatus.OK or results[index][0] is None:
                     results[index] = found
     return _collected(results)
 
@@ -203,7 +200,7 @@ def _collected(results: list[_Outcome]) -> Correspondence:
         return_error[index] = miss
         if registration is not None:
             correlation[index] = registration.correlation[0]
-        if registration is not None and state == OK:
+        if registration is not None and state == PointStatus.OK:
             position[index], covariance[index] = registration.position[0], registration.covariance[0]
     return Correspondence(position, covariance, correlation, return_error, status)
 
@@ -272,9 +269,9 @@ def _find_one(
     for size in (whole, *(px for px in _SIZES_PX if px < whole)):
         found = _at_full_size(images, level, point, _register(level.images, place, hypotheses, size, named), size)
         outcomes.append(found)
-        if found[1] == OK and _correlation(found) >= _CLEAR_CORRELATION:
+        if found[1] == PointStatus.OK and _correlation(found) >= _CLEAR_CORRELATION:
             break
-    good = [one for one in outcomes if one[1] == OK]
+    good = [one for one in outcomes if one[1] == PointStatus.OK]
     return max(_agreeing(good), key=_correlation) if good else outcomes[0]
 
 
@@ -294,15 +291,15 @@ def _find_on_surface(
         hypotheses = _from_depths(place, *level.cameras, surface.depths(ray, level.cameras[0]), normal[None])
         for size in (px for px in _SIZES_PX if px * level.factor <= subset_px + level.factor):
             found, state, _ = _register(level.images, place, hypotheses, size, None)
-            if found is not None and state != AMBIGUOUS and found.correlation[0] >= _SURFACE_CORRELATION:
+            if found is not None and state != PointStatus.AMBIGUOUS and found.correlation[0] >= _SURFACE_CORRELATION:
                 seen.append((size * level.factor, _carried_on(images, level, point, found, size)[0]))
     confirmed: list[_Outcome] = []
     for side, one in seen:
         smaller = [other.position[0] for other_side, other in seen if other_side <= _WELL_SMALLER * side]
         apart = min((float(np.linalg.norm(one.position[0] - place)) for place in smaller), default=np.inf)
         if apart <= _AGREEMENT_PX:
-            confirmed.append((one, OK, apart))
-    return min(confirmed, key=_variance, default=(None, NOT_FOUND, float("nan")))
+            confirmed.append((one, PointStatus.OK, apart))
+    return min(confirmed, key=_variance, default=(None, PointStatus.NOT_FOUND, float("nan")))
 
 
 def _variance(outcome: _Outcome) -> float:
@@ -330,7 +327,7 @@ def _at_full_size(
     # Where one view is out of focus, the sharp one does not resemble it at full size. A place that only the reduced
     # images show stands if they leave little doubt: it must return to less than a few pixels, and resemble it well.
     sure = registration.correlation[0] >= _SURE_CORRELATION and level.factor * miss <= _COARSE_RETURN_PX
-    return carried, status if agreed or sure or status != OK else NOT_FOUND, level.factor * miss
+    return carried, status if agreed or sure or status != PointStatus.OK else PointStatus.NOT_FOUND, level.factor * miss
 
 
 def _carried_on(
@@ -358,7 +355,7 @@ def _register(
     """As `_find_one`, in the images of a level and with squares of one size."""
     hypotheses = _inside(hypotheses, images[1], subset_px)
     if not len(hypotheses.position):
-        return None, NOT_FOUND, float("nan")
+        return None, PointStatus.NOT_FOUND, float("nan")
     tried = _best_starts(images, point, hypotheses, subset_px)
     correlation = np.where(np.isfinite(tried.position).all(axis=1) & tried.converged, tried.correlation, -1.0)
     best = int(np.argmax(correlation))
@@ -367,10 +364,10 @@ def _register(
         alike = np.flatnonzero(correlation > correlation[best] - AMBIGUITY_MARGIN)
         best = int(alike[np.argmin(np.linalg.norm(tried.position[alike] - named, axis=1))])
     if correlation[best] < _MIN_CORRELATION:
-        return None, NOT_FOUND, float("nan")
+        return None, PointStatus.NOT_FOUND, float("nan")
     chosen = _take(tried, best)
     if has_rival(correlation, tried.position, best, distinct_px=_DISTINCT_PX):
-        return chosen, AMBIGUOUS, float("nan")
+        return chosen, PointStatus.AMBIGUOUS, float("nan")
     # The square of the way back must not reach beyond what the way there has seen.
     shrunk = np.linalg.svd(chosen.affine[0], compute_uv=False)[-1] * subset_px
     size = int(np.clip(shrunk // 2 * 2 + 1, _LEAST_BACK_PX, subset_px))
@@ -378,7 +375,7 @@ def _register(
         images[1], images[0], chosen.position, point[None], np.linalg.inv(chosen.affine), subset_px=size
     )
     miss = float(np.linalg.norm(back.position[0] - point))
-    return chosen, OK if back.converged[0] and miss <= _RETURN_PX else NOT_RETURNED, miss
+    return chosen, PointStatus.OK if back.converged[0] and miss <= _RETURN_PX else PointStatus.NOT_RETURNED, miss
 
 
 def _best_starts(

@@ -7,19 +7,13 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
 from vfm_sdm.stages.matching.base import PointMatcher
-from vfm_sdm.stages.matching.correspondence import (
-    NOT_FOUND,
-    NOT_RETURNED,
-    OK,
-    Correspondence,
-    Surface,
-    find_correspondences,
-)
+from vfm_sdm.stages.matching.correspondence import Correspondence, Surface, find_correspondences
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import named_points
@@ -139,19 +133,19 @@ def _enter(
     """Enters what was found of some points in a view; with ``only_found``, nothing of the others."""
     std = np.sqrt(np.einsum("pii->pi", found.covariance))
     for number, point in enumerate(named):
-        if only_found and found.status[number] != OK:
+        if only_found and found.status[number] != PointStatus.OK:
             continue
         here = {"view": view, "point": point.name}
         points["position"].loc[here] = found.points2d[number]
         points["position_std"].loc[here] = std[number]
-        points["status"].loc[here] = found.status[number]
+        points["status"].loc[here] = str(found.status[number])
 
 
 def _is_missing(point: Point, view: str, points: xr.Dataset) -> bool:
     """Whether a point of the structure was not found in a view where nobody named it."""
     if point.static or view in point.pixel_in:
         return False
-    return points["status"].sel(view=view, point=point.name).item() in (NOT_FOUND, NOT_RETURNED)
+    return points["status"].sel(view=view, point=point.name).item() in (PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED)
 
 
 def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]:

@@ -7,14 +7,11 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.datasets import make_points
+from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import Session
-from vfm_sdm.stages.matching.correspondence import OK
 
-__all__ = ["NOT_LOOKED_FOR", "check_inside", "named_points"]
-
-NOT_LOOKED_FOR = "not looked for"
-"""Status of a point in a view in which nobody named it, before any search."""
+__all__ = ["check_inside", "named_points"]
 
 
 def check_inside(session: Session, frames: Mapping[str, LumaArray]) -> None:
@@ -56,10 +53,10 @@ def named_points(session: Session, views: Sequence[str]) -> xr.Dataset:
     """
     shape = (len(views), len(session.point))
     position = np.full((*shape, 2), np.nan)
-    status = np.full(shape, NOT_LOOKED_FOR, dtype=object)
+    status = np.full(shape, PointStatus.NOT_LOOKED_FOR, dtype=object)
     for number, point in enumerate(session.point):
         here = views.index(point.view)
-        position[here, number], status[here, number] = point.pixel, OK
+        position[here, number], status[here, number] = point.pixel, PointStatus.OK
     names = [point.name for point in session.point]
     return make_points(
         views, names, position=position, position_std=np.where(np.isnan(position), np.nan, 0.0), status=status

@@ -2,12 +2,10 @@
 
 from vfm_sdm.stages.synchronize.alignment import align_views
 from vfm_sdm.stages.synchronize.dataset_lags import estimate_sensor_lag, estimate_view_lag, synchronize_views
-from vfm_sdm.stages.synchronize.lag import LagStatus, Synchronization, estimate_lag
-from vfm_sdm.stages.synchronize.views import STATED, synchronize_tracks
+from vfm_sdm.stages.synchronize.lag import Synchronization, estimate_lag
+from vfm_sdm.stages.synchronize.views import synchronize_tracks
 
 __all__ = [
-    "STATED",
-    "LagStatus",
     "Synchronization",
     "align_views",
     "estimate_lag",

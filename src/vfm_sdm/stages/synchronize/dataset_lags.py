@@ -6,8 +6,9 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import check_displacement, check_tracks, trusted_values
+from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.stages.synchronize.lag import LagStatus, Synchronization, estimate_lag
+from vfm_sdm.stages.synchronize.lag import Synchronization, estimate_lag
 
 __all__ = ["estimate_sensor_lag", "estimate_view_lag", "synchronize_views"]
 
@@ -104,7 +105,7 @@ def synchronize_views(
     if not tracks_by_view:
         raise DatasetError("views: expected one tracks dataset or more, got none; track the views first")
     reference, *others = tracks_by_view
-    result = {reference: Synchronization(0.0, 0.0, 1.0, LagStatus.OK, candidates=(0.0,))}
+    result = {reference: Synchronization(0.0, 0.0, 1.0, ClockStatus.OK, candidates=(0.0,))}
     for name in others:
         result[name] = estimate_view_lag(
             tracks_by_view[reference],

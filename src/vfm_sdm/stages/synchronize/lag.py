@@ -8,13 +8,14 @@ import numpy.typing as npt
 from scipy.stats import chi2
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize.clock_rate import estimate_drift
 from vfm_sdm.stages.synchronize.search import Group, compute_dependence
 from vfm_sdm.stages.synchronize.signals import Signal, check_signal, prepare_signal, sampling_rate
 from vfm_sdm.stages.synchronize.subsample import SubsampleEstimator, SubsampleLag
 
-__all__ = ["LagStatus", "Synchronization", "estimate_lag"]
+__all__ = ["Synchronization", "estimate_lag"]
 
 _HIGHEST_SHARE = 0.25
 """Highest frequency used, as a share of the lower sampling rate; above, interpolation changes amplitudes."""
@@ -36,24 +37,6 @@ _PRIOR_PREFERENCE = 9.0
 """Difference of squared standardised distances from the start value that decides between equal peaks."""
 
 
-class LagStatus:
-    """Whether a lag can be used, or why there is none; every status but `OK` comes with a lag of NaN."""
-
-    OK = "ok"
-    NOT_UNIQUE = "peak not unique"
-    """Other lags explain the recordings as well within the noise, as with periodic motion; see ``candidates``."""
-    NO_MOTION = "no common motion"
-    """At no lag of the search are the recordings more alike than unrelated noise is: nothing moves, or not the same."""
-    TOO_SHORT = "too short"
-    """No lag of the search leaves enough common samples."""
-    TOO_SLOW = "too few samples a second for the band"
-    """Sampling shows no motion of the band: pictures taken one by one, for example."""
-    AT_EDGE = "peak at the edge of the search"
-    """The best lag may lie outside the search."""
-    NOT_CONVERGED = "not converged"
-    """No lag near the best of the search is better than its neighbours on both sides."""
-
-
 @dataclass(frozen=True)
 class Synchronization:
     """How the clock of a second recording relates to that of the first."""
@@ -65,7 +48,7 @@ class Synchronization:
     correlation: float
     """Root of the share of the second motion's variance in the band that the first explains at this lag."""
     status: str
-    """One of `LagStatus`."""
+    """One of `ClockStatus`."""
     rate_ratio: float = 1.0
     """Seconds of the first clock a second of the second clock; 1 unless estimated."""
     rate_ratio_std: float = np.nan
@@ -78,7 +61,7 @@ class Synchronization:
     @property
     def ok(self) -> bool:
         """Whether there is a lag."""
-        return self.status == LagStatus.OK
+        return self.status == ClockStatus.OK
 
     @property
     def offset_s(self) -> float:
@@ -179,7 +162,7 @@ def estimate_lag(
     if not 0 < band_hz[0] < band_hz[1]:
         raise DatasetError(f"band_hz: expected 0 < low < high, got {band_hz}; correct it")
     if not band[0] < band[1]:
-        return _report_failure(LagStatus.TOO_SLOW)
+        return _report_failure(ClockStatus.TOO_SLOW)
     first = prepare_signal(time_a, values_a, rate_hz=max(rates), band_hz=band)
     second = prepare_signal(time_b, values_b, rate_hz=max(rates), band_hz=band)
     if start_std_s is not None:
@@ -187,7 +170,7 @@ def estimate_lag(
         search_s = min(search_s, max(_PRIOR_REACH * start_std_s, _LEAST_SEARCH / min(rates)))
     lags, dependence = _search_lags(first, second, groups, start_lag_s, search_s, positive_gain)
     if not np.isfinite(dependence).any():
-        return _report_failure(LagStatus.TOO_SHORT)
+        return _report_failure(ClockStatus.TOO_SHORT)
     sizes = len(groups[0][0]), len(groups[0][1])
     estimator = SubsampleEstimator(first, second, groups)
     estimated = _estimate_peaks(estimator, lags, dependence, sizes[1])
@@ -195,13 +178,13 @@ def estimate_lag(
     if not estimated:
         still = not np.nanmax(dependence) > 0
         return _report_failure(
-            LagStatus.NO_MOTION if still else LagStatus.AT_EDGE if at_edge else LagStatus.NOT_CONVERGED
+            ClockStatus.NO_MOTION if still else ClockStatus.AT_EDGE if at_edge else ClockStatus.NOT_CONVERGED
         )
     best = estimated[0]
     if not _is_related(best, sizes[0] * sizes[1], 2 * band[1] * lags.size / first.rate_hz):
-        return _report_failure(LagStatus.NO_MOTION, best.correlation)
+        return _report_failure(ClockStatus.NO_MOTION, best.correlation)
     if at_edge and np.nanmax(dependence) > best.dependence:
-        return _report_failure(LagStatus.AT_EDGE, best.correlation)
+        return _report_failure(ClockStatus.AT_EDGE, best.correlation)
     return _judge_peaks(estimator, estimated, sizes[1], start_lag_s, start_std_s)
 
 
@@ -215,7 +198,7 @@ def _judge_peaks(
     """The peak that stands out, with the ratio of the clock rates where it can be told."""
     chosen, candidates = _choose_peak(estimated, channels, start_s, start_std_s)
     if chosen is None:
-        return _report_failure(LagStatus.NOT_UNIQUE, estimated[0].correlation, candidates)
+        return _report_failure(ClockStatus.NOT_UNIQUE, estimated[0].correlation, candidates)
     return _with_clock_rate(estimator, chosen, candidates)
 
 
@@ -226,13 +209,13 @@ def _with_clock_rate(
     drift = estimate_drift(estimator, chosen)
     if drift is None:
         return Synchronization(
-            chosen.lag_s, chosen.lag_std_s, chosen.correlation, LagStatus.OK, at_s=chosen.at_s, candidates=candidates
+            chosen.lag_s, chosen.lag_std_s, chosen.correlation, ClockStatus.OK, at_s=chosen.at_s, candidates=candidates
         )
     return Synchronization(
         lag_s=drift.lag_s,
         lag_std_s=drift.lag_std_s,
         correlation=chosen.correlation,
-        status=LagStatus.OK,
+        status=ClockStatus.OK,
         rate_ratio=1 / (1 + drift.slope),
         rate_ratio_std=drift.slope_std / (1 + drift.slope) ** 2,
         at_s=drift.at_s,

@@ -5,15 +5,14 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.inputs.session import Session, View
 from vfm_sdm.stages.synchronize.alignment import align_views
 from vfm_sdm.stages.synchronize.dataset_lags import synchronize_views
-from vfm_sdm.stages.synchronize.lag import LagStatus, Synchronization
+from vfm_sdm.stages.synchronize.lag import Synchronization
 
-__all__ = ["STATED", "synchronize_tracks"]
+__all__ = ["synchronize_tracks"]
 
-STATED = "as stated"
-"""Status of a clock that was taken from the session, because nobody asked the motion."""
 _SEARCH_S = 3.0
 """How far from the stated offset between views the true one may be [s]."""
 
@@ -59,19 +58,19 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset]) -> xr
     rates = {name: known[name].rate_ratio if name in known else 1.0 for name in stated}
     aligned = align_views(tracks, offsets, rates)
     stds = [_offset_std(session, view, found.get(view.name)) for view in session.view]
-    statuses = [found[v.name].status if v.name in found else STATED for v in session.view]
+    statuses = [found[v.name].status if v.name in found else ClockStatus.STATED for v in session.view]
     return aligned.assign(
         clock_offset=("view", list(offsets.values()), {"units": "s"}),
         clock_offset_std=("view", stds, {"units": "s"}),
         clock_rate=("view", list(rates.values()), {"units": "1"}),
-        clock_status=("view", np.array(statuses, dtype=object)),
+        clock_status=("view", np.array([str(status) for status in statuses], dtype=object)),
         bits_per_pixel=("view", [_bits_per_pixel(tracks[name]) for name in stated], {"units": "1"}),
     )
 
 
 def _offset_std(session: Session, view: View, found: Synchronization | None) -> float:
     """Standard deviation of a view's offset [s]: of the motion's, else as stated; NaN where nobody knows the offset."""
-    if found is not None and found.status == LagStatus.OK:
+    if found is not None and found.status == ClockStatus.OK:
         return found.lag_std_s
     if found is not None and session.stated_offset_s(view) is None:
         return float("nan")

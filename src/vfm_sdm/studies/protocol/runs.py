@@ -13,6 +13,7 @@ from vfm_sdm.analysis.evaluation import Evaluation, evaluate, read_sensors
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Length, Point, Session, Site, read_session, write_session
 from vfm_sdm.measurement import Measurement
@@ -103,7 +104,7 @@ class MethodRun:
     displacement: xr.Dataset | None
     cameras: CameraSolution | None = None
     aligned: xr.Dataset | None = None
-    status: str = "ok"
+    status: str = CameraStatus.OK
 
 
 def prepare_field_test(folder: Path, plan: Preset, *, progress: Progress | None = None) -> FieldTest:

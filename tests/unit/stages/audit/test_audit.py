@@ -12,10 +12,10 @@ from measurements import MOVING, Simulated, measured, simulate
 from parallel import in_processes
 from textures import WaveTexture
 from vfm_sdm.commands.tables import audit_report
+from vfm_sdm.core.statuses import CameraStatus, Outcome, Verdict
 from vfm_sdm.outputs.plots import plot_audit
-from vfm_sdm.stages.audit import Audit, AuditCheck, Outcome, Verdict
+from vfm_sdm.stages.audit import Audit, AuditCheck
 from vfm_sdm.stages.audit.model import judge
-from vfm_sdm.stages.cameras.priors import CONTRADICTION
 
 NEVER_REFUSED = 0.02
 FOUND = 0.95
@@ -109,9 +109,9 @@ def test_good_spare_lengths_show_a_wrong_baseline():
 def test_what_the_camera_estimator_objects_to_is_a_caution():
     run = good_run(1)
     assert audited(run)["site and lenses"].outcome == Outcome.PASS
-    named = audited(replace(run, solution=replace(run.solution, status=CONTRADICTION)))
+    named = audited(replace(run, solution=replace(run.solution, status=CameraStatus.CONTRADICTION)))
     assert named["site and lenses"].outcome == Outcome.CAUTION
-    assert CONTRADICTION in named["site and lenses"].sentence
+    assert CameraStatus.CONTRADICTION in named["site and lenses"].sentence
     assert named.verdict == Verdict.CARE
 
 

@@ -12,6 +12,7 @@ import pytest
 from rooms import BASELINE_M, FOCAL_PX, SIZE, TARGET, angle_between_deg, room_frames, room_rig, room_session
 from simulation import gain_error, project_all
 from textures import WaveTexture
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std
@@ -19,9 +20,8 @@ from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Method, Sfm, Site
 from vfm_sdm.stages.cameras.base import estimator_of
 from vfm_sdm.stages.cameras.file import write_rig
-from vfm_sdm.stages.cameras.sfm import NOT_RECONSTRUCTED, SfmCameras
+from vfm_sdm.stages.cameras.sfm import SfmCameras
 from vfm_sdm.stages.cameras.site import adjust_to_site
-from vfm_sdm.stages.cameras.two_view import TOO_FEW_MATCHES
 from vfm_sdm.stages.matching import learned_features
 from vfm_sdm.stages.matching.learned_features import MATCHERS, LearnedMatcher
 
@@ -168,7 +168,7 @@ class TestNamedFailures:
     def test_unrelated_images(self, pair):
         rig, _ = pair
         estimate = SfmCameras().estimate(room_session(rig), {"left": texture(1), "right": texture(2)})
-        assert (estimate.rig, estimate.matches, estimate.status) == (None, (), TOO_FEW_MATCHES)
+        assert (estimate.rig, estimate.matches, estimate.status) == (None, (), CameraStatus.TOO_FEW_MATCHES)
         assert "left and right: " in estimate.notes[-1]
         assert "choose views that overlap more" in estimate.notes[-1]
 
@@ -176,13 +176,13 @@ class TestNamedFailures:
         rig = room_rig(3)
         frames = {**pair[1], "third": texture(3)}
         estimate = SfmCameras().estimate(room_session(rig), frames)
-        assert (estimate.rig, estimate.status) == (None, TOO_FEW_MATCHES)
+        assert (estimate.rig, estimate.status) == (None, CameraStatus.TOO_FEW_MATCHES)
         assert "left and third: 0 of" in estimate.notes[-1]
 
     def test_cameras_at_one_place(self, pair):
         rig, frames = pair
         estimate = SfmCameras().estimate(room_session(rig), {"left": frames["left"], "right": frames["left"]})
-        assert (estimate.rig, estimate.matches, estimate.status) == (None, (), NOT_RECONSTRUCTED)
+        assert (estimate.rig, estimate.matches, estimate.status) == (None, (), CameraStatus.NOT_RECONSTRUCTED)
         assert "distance between them" in estimate.notes[-1]
 
     def test_a_camera_that_only_turned(self, pair):
@@ -193,7 +193,7 @@ class TestNamedFailures:
         turned = Camera(first.K, SIZE, cam_from_world=np.column_stack([turn, np.zeros(3)]))
         matches = exact_matches(Rig(NAMES, (first, turned)))
         estimate = with_matches(matches).estimate(room_session(rig), blank_frames(rig))
-        assert (estimate.rig, estimate.status) == (None, NOT_RECONSTRUCTED)
+        assert (estimate.rig, estimate.status) == (None, CameraStatus.NOT_RECONSTRUCTED)
 
     def test_an_unknown_lens_is_noted(self, pair):
         rig, _ = pair
@@ -319,7 +319,7 @@ class TestLearnedMatcher:
         parts = {name: frame[::3, ::3] for name, frame in frames.items()}
         estimate = estimator.estimate(room_session(rig), parts)
         # Random weights match at random.
-        assert (estimate.rig, estimate.status) == (None, TOO_FEW_MATCHES)
+        assert (estimate.rig, estimate.status) == (None, CameraStatus.TOO_FEW_MATCHES)
         assert capfd.readouterr() == ("", "")
 
     def test_nothing_to_match_is_an_empty_set(self, checkpoints, matcher, pair, tmp_path):

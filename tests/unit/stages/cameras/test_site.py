@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 
 from simulation import SIZE, gain_error, project_all, site_trial
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Site
-from vfm_sdm.stages.cameras.site import DISAGREE, NOT_IDENTIFIABLE, adjust_to_site
+from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.matching.matches import Matches
 
 
@@ -88,7 +89,7 @@ def test_without_any_focal_prior_the_result_is_named_as_undetermined():
     covariance[0, 0] = covariance[10, 10] = 0.5**2
     prior = Rig(trial.prior.names, trial.prior.cameras, False, covariance)
     adjustment = adjust_to_site(prior, [trial.matches], measured_site(trial, rng), {})
-    assert adjustment.status == NOT_IDENTIFIABLE
+    assert adjustment.status == CameraStatus.NOT_IDENTIFIABLE
     assert any("state the lens, or measure a range" in note for note in adjustment.notes)
     sensitivity = compute_gain_sensitivity(trial.pixels[:, None], adjustment.rig)
     assert compute_gain_std(sensitivity, np.eye(3), adjustment.covariance)[0, 0, 0] > 0.15
@@ -102,7 +103,7 @@ def test_a_focal_prior_that_contradicts_a_range_is_named():
         range=[{"point": "p", "value": 1.2 * float(np.linalg.norm(trial.point)), "std": 0.02}],
     )
     adjustment = adjust_to_site(trial.prior, [trial.matches], wrong, {"p": trial.pixels})
-    assert adjustment.status == DISAGREE
+    assert adjustment.status == CameraStatus.DISAGREE
     assert any("standard deviations away" in note for note in adjustment.notes)
 
 

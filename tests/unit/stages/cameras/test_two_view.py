@@ -5,13 +5,14 @@ import pytest
 
 from rooms import BASELINE_M, SIZE, TARGET, angle_between_deg, room_frames, room_rig, room_session
 from simulation import looking_at, project_all, scene_points, simple_rig
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Session, Site
 from vfm_sdm.stages.cameras import two_view
 from vfm_sdm.stages.cameras.site import adjust_to_site
-from vfm_sdm.stages.cameras.two_view import NO_COMMON_SCALE, TOO_FEW_MATCHES, TwoViewCameras, estimate_relative_pose
+from vfm_sdm.stages.cameras.two_view import TwoViewCameras, estimate_relative_pose
 from vfm_sdm.stages.matching.features import match_features, to_eight_bit
 
 
@@ -85,7 +86,7 @@ class TestTwoViewCameras:
         frames = {"left": textured(np.random.default_rng(3)), "right": textured(np.random.default_rng(4))}
         estimate = TwoViewCameras().estimate(session(), frames)
         assert estimate.rig is None
-        assert estimate.status == TOO_FEW_MATCHES
+        assert estimate.status == CameraStatus.TOO_FEW_MATCHES
         assert "choose views that overlap more" in estimate.notes[0]
 
     def test_needs_two_views_and_a_baseline(self):
@@ -156,5 +157,5 @@ class TestThreeViews:
         seen = [(u[0, :half], u[1, :half]), (u[0, half - 20 :], u[2, half - 20 :])]
         monkeypatch.setattr(two_view, "match_features", lambda first, second: seen.pop(0))
         estimate = TwoViewCameras().estimate(room_session(rig), frames)
-        assert (estimate.rig, estimate.matches, estimate.status) == (None, (), NO_COMMON_SCALE)
+        assert (estimate.rig, estimate.matches, estimate.status) == (None, (), CameraStatus.NO_COMMON_SCALE)
         assert "left, right and third: 20 matches go through all three, 30 are needed" in estimate.notes[-1]

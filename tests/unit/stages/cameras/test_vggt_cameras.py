@@ -12,6 +12,7 @@ pytest.importorskip("torch", reason="VGGT needs torch")
 from known_cameras import KnownCameras, as_colors, vggt_cameras, with_pictures, write_pictures
 from rooms import BASELINE_M, NAMES, room_frames, room_rig, room_session
 from simulation import gain_error, intrinsics, project_all, scene_points, simple_rig
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std
@@ -19,9 +20,8 @@ from vfm_sdm.inputs.session import FirstFrames, Method, Network, Site, open_view
 from vfm_sdm.networks import availability
 from vfm_sdm.networks.vggt.pose import FOV, QUATERNION
 from vfm_sdm.stages.cameras.base import estimator_of, find_estimator
-from vfm_sdm.stages.cameras.priors import CONTRADICTION, read_priors
-from vfm_sdm.stages.cameras.site import DISAGREE, adjust_to_site
-from vfm_sdm.stages.cameras.vggt import NOT_A_CAMERA, ONE_PLACE
+from vfm_sdm.stages.cameras.priors import read_priors
+from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.matching.matches import Matches
 
 # Width and height of a picture, and what VGGT makes of it: 518 px along the longer side, whole patches of 14 px.
@@ -136,7 +136,7 @@ class TestFocalLengths:
             poses[1, FOV] = 2 * np.arctan(np.tan(poses[1, FOV] / 2) / 1.3)
 
         rig, estimate = asked([LANDSCAPE, PORTRAIT], lens_std=0.01, change=longer)
-        assert estimate.status == CONTRADICTION
+        assert estimate.status == CameraStatus.CONTRADICTION
         # The session's word stands: a mean of the two would be a third focal length that nobody measured.
         assert estimate.rig.cameras[1].focal_px == pytest.approx(rig.cameras[1].focal_px, rel=1e-9)
         assert estimate.notes[0] == "view 'right': VGGT's focal length is +30% off what was known of it"
@@ -184,11 +184,11 @@ class TestNamedFailures:
     @pytest.mark.parametrize(
         ("change", "status"),
         [
-            (_no_field, NOT_A_CAMERA),
-            (_half_a_field, NOT_A_CAMERA),
-            (_no_rotation, NOT_A_CAMERA),
-            (_no_position, NOT_A_CAMERA),
-            (_one_place, ONE_PLACE),
+            (_no_field, CameraStatus.NOT_A_CAMERA),
+            (_half_a_field, CameraStatus.NOT_A_CAMERA),
+            (_no_rotation, CameraStatus.NOT_A_CAMERA),
+            (_no_position, CameraStatus.NOT_A_CAMERA),
+            (_one_place, CameraStatus.ONE_PLACE),
         ],
     )
     def test_have_no_rig(self, asked, change, status):
@@ -254,7 +254,7 @@ class TestOnSite:
 
     def test_a_prior_four_deviations_off_is_named(self, tmp_path):
         rig, _, adjustment = self.adjusted(tmp_path, np.exp(4 * 0.05))
-        assert adjustment.status == DISAGREE
+        assert adjustment.status == CameraStatus.DISAGREE
         assert any(note.startswith("focal left: expected") for note in adjustment.notes)
         assert adjustment.rig.cameras[0].focal_px == pytest.approx(rig.cameras[0].focal_px, rel=0.02)
 
@@ -276,7 +276,7 @@ class TestRandomWeights:
         first, second = (vggt_cameras(folder).estimate(session, frames) for _ in range(2))
         assert first.status == second.status
         assert first.notes == second.notes
-        assert first.status in ("ok", CONTRADICTION, NOT_A_CAMERA, ONE_PLACE)
+        assert first.status in ("ok", CameraStatus.CONTRADICTION, CameraStatus.NOT_A_CAMERA, CameraStatus.ONE_PLACE)
         if first.rig is not None:
             assert first.rig.baseline() == pytest.approx(BASELINE_M)
             for a, b in zip(first.rig.cameras, second.rig.cameras, strict=True):

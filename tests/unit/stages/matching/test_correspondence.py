@@ -6,9 +6,10 @@ from scipy.ndimage import gaussian_filter
 
 from simulation import intrinsics, looking_at
 from textures import WaveTexture
+from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.stages.matching.correspondence import AMBIGUOUS, NOT_FOUND, OK, Surface, find_correspondences
+from vfm_sdm.stages.matching.correspondence import Surface, find_correspondences
 from vfm_sdm.stages.matching.matches import Matches
 
 SIZE = (420, 320)
@@ -68,7 +69,7 @@ def matches_around(count=40, seed=0, wrong=0):
 )
 def test_found_to_sub_pixel_at_thirty_degrees(images, matches):
     found = find_correspondences(images, POINTS, rig(), matches=matches)
-    assert found.status == (OK,) * 3
+    assert found.status == (PointStatus.OK,) * 3
     np.testing.assert_allclose(found.points2d, true_position(), atol=ATOL_PX)
     assert (found.return_error < 0.05).all()
     assert (found.correlation > 0.98).all()
@@ -87,7 +88,7 @@ def test_a_repeated_pattern_is_ambiguous_not_a_guess():
 
     images = tuple(view(camera, stripes) for camera in rig().cameras)
     found = find_correspondences(images, POINTS, rig(), matches=NO_MATCHES)
-    assert set(found.status) == {AMBIGUOUS}
+    assert set(found.status) == {PointStatus.AMBIGUOUS}
     assert np.isnan(found.points2d).all()
 
 
@@ -98,14 +99,14 @@ def test_a_position_given_by_hand_decides_between_look_alikes():
     images = tuple(view(camera, stripes) for camera in rig().cameras)
     given = dict(enumerate(true_position() + 1.0))
     found = find_correspondences(images, POINTS, rig(), matches=NO_MATCHES, given=given)
-    assert found.status == (OK,) * 3
+    assert found.status == (PointStatus.OK,) * 3
     np.testing.assert_allclose(found.points2d, true_position(), atol=ATOL_PX)
 
 
 def test_what_the_other_view_does_not_show_is_not_found(images):
     other = view(rig().cameras[1], WaveTexture(99))
     found = find_correspondences((images[0], other), POINTS, rig(), matches=NO_MATCHES)
-    assert set(found.status) <= {NOT_FOUND, AMBIGUOUS}
+    assert set(found.status) <= {PointStatus.NOT_FOUND, PointStatus.AMBIGUOUS}
     assert np.isnan(found.points2d).all()
 
 
@@ -128,12 +129,12 @@ def test_smaller_squares_find_what_a_stiffener_hides_in_part(images, monkeypatch
     edge = round(place[0]) + 13
     right[:, edge : edge + 60] = stiffener[:, edge : edge + 60]
     found = find_correspondences((left, right), POINTS[1:2], rig(), matches=NO_MATCHES, subset_px=61)
-    assert found.status == (OK,)
+    assert found.status == (PointStatus.OK,)
     assert found.correlation[0] > 0.9
     np.testing.assert_allclose(found.points2d[0], place, atol=ATOL_PX)
     monkeypatch.setattr("vfm_sdm.stages.matching.correspondence._SIZES_PX", (61,))
     whole = find_correspondences((left, right), POINTS[1:2], rig(), matches=NO_MATCHES, subset_px=61)
-    assert whole.status != (OK,) or np.abs(whole.points2d[0] - place).max() > 2 * ATOL_PX
+    assert whole.status != (PointStatus.OK,) or np.abs(whole.points2d[0] - place).max() > 2 * ATOL_PX
 
 
 def surface(offset=0.0, std=0.3):
@@ -156,19 +157,19 @@ def test_a_known_surface_finds_what_a_dark_view_out_of_focus_shows_between_stiff
     right = dark_and_out_of_focus(right)
     asked = {"matches": NO_MATCHES, "subset_px": 61}
     alone = find_correspondences((images[0], right), POINTS[1:2], rig(), **asked)
-    assert alone.status != (OK,)
+    assert alone.status != (PointStatus.OK,)
     found = find_correspondences((images[0], right), POINTS[1:2], rig(), surface=surface(), **asked)
-    assert found.status == (OK,)
+    assert found.status == (PointStatus.OK,)
     np.testing.assert_allclose(found.points2d[0], place, atol=0.5)
 
 
 def test_nothing_is_found_on_a_surface_that_is_elsewhere(images):
     found = find_correspondences(images, POINTS, rig(), matches=NO_MATCHES, surface=surface(offset=2.0, std=0.1))
-    assert found.status == (NOT_FOUND,) * 3
+    assert found.status == (PointStatus.NOT_FOUND,) * 3
     assert np.isnan(found.points2d).all()
 
 
 def test_a_surface_alone_does_not_make_up_a_place(images):
     other = view(rig().cameras[1], WaveTexture(99))
     found = find_correspondences((images[0], other), POINTS, rig(), matches=NO_MATCHES, surface=surface())
-    assert found.status == (NOT_FOUND,) * 3
+    assert found.status == (PointStatus.NOT_FOUND,) * 3

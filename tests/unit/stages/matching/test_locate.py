@@ -5,11 +5,12 @@ import pytest
 
 from simulation import intrinsics, looking_at
 from vfm_sdm.core.datasets import make_points
+from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.matching import locate
-from vfm_sdm.stages.matching.correspondence import NOT_FOUND, OK, Correspondence
+from vfm_sdm.stages.matching.correspondence import Correspondence
 from vfm_sdm.stages.matching.locate import PointFinder
 
 SIZE = (640, 480)
@@ -62,7 +63,9 @@ def asked(monkeypatch):
     def find(images, points2d, rig, *, matches, subset_px, given, surface):
         calls.append((points2d, matches, surface))
         shape = len(points2d), 2
-        return Correspondence(np.full(shape, 123.0), np.zeros((*shape, 2)), np.ones(1), np.zeros(1), (OK,) * shape[0])
+        return Correspondence(
+            np.full(shape, 123.0), np.zeros((*shape, 2)), np.ones(1), np.zeros(1), (PointStatus.OK,) * shape[0]
+        )
 
     monkeypatch.setattr(locate, "find_correspondences", find)
     return calls
@@ -73,7 +76,7 @@ def state_before():
     names = ["web", "abutment", "named", "seen"]
     position = np.full((2, 4, 2), np.nan)
     position[0], position[1, 3] = (300.0, 200.0), (320.0, 190.0)
-    status = [[OK] * 4, [NOT_FOUND] * 3 + [OK]]
+    status = [[PointStatus.OK] * 4, [PointStatus.NOT_FOUND] * 3 + [PointStatus.OK]]
     return make_points(["left", "right"], names, position=position, position_std=0 * position, status=status)
 
 
@@ -86,7 +89,12 @@ def test_only_points_of_the_structure_that_nobody_named_there_are_looked_for_aga
     after = looked_again(before)
     assert len(asked) == 1
     assert len(asked[0][0]) == 1
-    assert after["status"].sel(view="right").values.tolist() == [OK, NOT_FOUND, NOT_FOUND, OK]
+    assert after["status"].sel(view="right").values.tolist() == [
+        PointStatus.OK,
+        PointStatus.NOT_FOUND,
+        PointStatus.NOT_FOUND,
+        PointStatus.OK,
+    ]
     np.testing.assert_array_equal(after["position"].sel(view="right", point="web"), [123.0, 123.0])
     np.testing.assert_array_equal(after["position"].sel(view="right", point="seen"), [320.0, 190.0])
     assert before.identical(state_before())

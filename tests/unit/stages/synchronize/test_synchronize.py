@@ -7,9 +7,9 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import fftconvolve
 
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement, make_tracks
+from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize import (
-    LagStatus,
     Synchronization,
     align_views,
     estimate_lag,
@@ -224,7 +224,7 @@ def sines(rng, *, noise=0.02, frequency=2.3, lag=0.0371):
 def test_periodic_motion_has_no_unique_lag(noise):
     for seed in range(5):
         found = estimate_lag(*sines(np.random.default_rng(seed), noise=noise), search_s=1.0)
-        assert found.status == LagStatus.NOT_UNIQUE == "peak not unique"
+        assert found.status == ClockStatus.NOT_UNIQUE == "peak not unique"
         assert np.isnan(found.lag_s)
         assert np.isnan(found.lag_std_s)
         assert np.min(np.abs(np.array(found.candidates) - 0.0371)) < 2e-3
@@ -235,7 +235,7 @@ def test_a_start_value_decides_between_equal_peaks():
     found = estimate_lag(*views, search_s=2.0, start_lag_s=0.05, start_std_s=0.03)
     assert found.lag_s == pytest.approx(0.0371, abs=1e-3)
     vague = estimate_lag(*views, search_s=2.0, start_lag_s=0.05, start_std_s=0.3)
-    assert vague.status == LagStatus.NOT_UNIQUE
+    assert vague.status == ClockStatus.NOT_UNIQUE
 
 
 def test_a_start_value_known_to_less_than_a_frame_is_no_edge():
@@ -254,7 +254,7 @@ def test_noise_has_no_lag():
     found = [
         estimate_lag(clock, rng.normal(size=(960, 2)), clock, rng.normal(size=(960, 2)), search_s=2.0) for _ in range(8)
     ]
-    assert sum(one.status == LagStatus.NO_MOTION for one in found) >= 7
+    assert sum(one.status == ClockStatus.NO_MOTION for one in found) >= 7
     assert not any(one.ok for one in found)
     still = estimate_lag(clock, np.ones((960, 2)), clock, np.ones((960, 2)), search_s=2.0)
     assert not still.ok
@@ -263,11 +263,11 @@ def test_noise_has_no_lag():
 def test_short_recordings_and_searches_beside_the_lag_are_named():
     clock_a, a, clock_b, b = two_views(np.random.default_rng(1), lag_s=0.2)
     short = estimate_lag(clock_a[:150], a[:150], clock_b[:150], b[:150], search_s=1.0, groups=pairs(2))
-    assert short.status == LagStatus.TOO_SHORT
+    assert short.status == ClockStatus.TOO_SHORT
     apart = estimate_lag(clock_a, a, clock_b + 100, b, search_s=1.0, groups=pairs(2))
-    assert apart.status == LagStatus.TOO_SHORT
+    assert apart.status == ClockStatus.TOO_SHORT
     beside = estimate_lag(clock_a, a, clock_b, b, search_s=0.1, start_lag_s=0.05, groups=pairs(2))
-    assert beside.status == LagStatus.AT_EDGE
+    assert beside.status == ClockStatus.AT_EDGE
     assert np.isnan(beside.lag_s)
 
 
@@ -379,7 +379,7 @@ def test_views_of_a_short_recording_are_not_matched_half_a_period_off():
 def test_pictures_taken_one_by_one_are_too_slow_for_the_band():
     clock, a, _, b = sines(np.random.default_rng(0))
     found = estimate_lag(clock * 60, a, clock * 60, b, search_s=5.0)
-    assert (found.status, found.ok) == (LagStatus.TOO_SLOW, False)
+    assert (found.status, found.ok) == (ClockStatus.TOO_SLOW, False)
 
 
 def test_misuse_of_lags_is_refused():

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError, VideoError
 from vfm_sdm.inputs.session import Chessboard, Session
 from vfm_sdm.inputs.video.images import find_images
@@ -22,7 +23,6 @@ from vfm_sdm.stages.cameras.chessboard.calibration import (
 from vfm_sdm.stages.cameras.chessboard.detection import BoardDetection, board_points, detect_corners
 
 __all__ = [
-    "BASELINES_DISAGREE",
     "BoardDetection",
     "CameraCalibration",
     "ChessboardCalibration",
@@ -33,7 +33,6 @@ __all__ = [
     "detect_corners",
 ]
 
-BASELINES_DISAGREE = "chessboard and measured baseline disagree"
 
 _DISAGREEMENT = 3.0
 """Standard deviations between the two baselines from which they count as contradicting each other."""
@@ -93,11 +92,11 @@ class ChessboardCameras:
             corners, board_xy, sizes, names=names, fix_tangential=self.fix_tangential, fix_k3=self.fix_k3
         )
         notes = _notes(calibration)
-        status = "ok"
+        status = CameraStatus.OK
         disagreement = _compare_baseline(session, calibration)
         if disagreement:
             notes.append(disagreement)
-            status = BASELINES_DISAGREE
+            status = CameraStatus.BASELINES_DISAGREE
         return CameraEstimate(calibration.rig, (), status, tuple(notes))
 
 

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
+from vfm_sdm.core.statuses import BoardStatus
 from vfm_sdm.geometry.poses import pose_array, rigid_transform
 
-__all__ = ["AMBIGUOUS_ORDER", "INCONSISTENT_POSE", "BoardOrder", "agree_on_order", "board_symmetries"]
+__all__ = ["BoardOrder", "agree_on_order", "board_symmetries"]
 
-AMBIGUOUS_ORDER = "order of the corners ambiguous: the board may be turned in one view"
-INCONSISTENT_POSE = "board pose disagrees with the other pairs in every order of the corners"
 
 _TOLERANCE_DEG = 20.0
 """Poses of a board seen in one view are off by some degrees at most; a wrong order turns it by 90 or 180."""
@@ -104,9 +103,9 @@ def agree_on_order(first_from_board: FloatArray, second_from_board: FloatArray, 
         best = min(candidates, key=lambda offer: (-as_came[offer], spread[offer]))
     turn = angles[best].argmin(axis=-1)
     reasons = tuple(
-        INCONSISTENT_POSE
+        BoardStatus.INCONSISTENT_POSE
         if nearest[best][pose] >= _TOLERANCE_DEG
-        else (AMBIGUOUS_ORDER if ambiguous and turn[pose] != 0 else "")
+        else (BoardStatus.AMBIGUOUS_ORDER if ambiguous and turn[pose] != 0 else "")
         for pose in range(poses)
     )
     return BoardOrder(turn, reasons, offers[best])

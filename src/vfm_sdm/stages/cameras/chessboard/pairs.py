@@ -7,9 +7,10 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, as_float_array
+from vfm_sdm.core.statuses import BoardStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.poses import pose_array
-from vfm_sdm.stages.cameras.chessboard.order import AMBIGUOUS_ORDER, agree_on_order, board_symmetries
+from vfm_sdm.stages.cameras.chessboard.order import agree_on_order, board_symmetries
 from vfm_sdm.stages.cameras.chessboard.scene import INTRINSICS, BoardScene
 
 __all__ = ["MIN_POSES", "PairSet"]
@@ -178,7 +179,7 @@ class PairSet:
             label = self.label(int(pose), view)
             if turn != 0 and label in self.reordered:
                 # Turned back and forth: two orders explain it, and this would go on for ever.
-                self._drop(int(pose), view, AMBIGUOUS_ORDER)
+                self._drop(int(pose), view, BoardStatus.AMBIGUOUS_ORDER)
             elif reason:
                 self._drop(int(pose), view, reason)
             elif turn != 0:

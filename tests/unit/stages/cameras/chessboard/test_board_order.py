@@ -5,8 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from boards import BOARD, board_poses, make_rig
+from vfm_sdm.core.statuses import BoardStatus
 from vfm_sdm.stages.cameras.chessboard.detection import board_points
-from vfm_sdm.stages.cameras.chessboard.order import AMBIGUOUS_ORDER, INCONSISTENT_POSE, agree_on_order, board_symmetries
+from vfm_sdm.stages.cameras.chessboard.order import agree_on_order, board_symmetries
 
 RELATIVE = make_rig().cameras[1].cam_from_world
 
@@ -82,7 +83,7 @@ class TestAgree:
         # Parallel to each other, so that a turned board is explained by a turned camera just as well.
         first = board_poses(np.random.default_rng(1), 8, tilt_deg=0.0)
         order = agree_on_order(first, turned(seen_poses(first), [3]), BOARD)
-        assert order.reasons[3] == AMBIGUOUS_ORDER
+        assert order.reasons[3] == BoardStatus.AMBIGUOUS_ORDER
         assert [reason for i, reason in enumerate(order.reasons) if i != 3] == [""] * 7
         np.testing.assert_array_equal(np.delete(order.turns, 3), 0)
 
@@ -91,5 +92,5 @@ class TestAgree:
         second = seen_poses(first)
         second[5, :, :3] = second[5, :, :3] @ Rotation.from_euler("x", 55, degrees=True).as_matrix()
         order = agree_on_order(first, second, BOARD)
-        assert order.reasons[5] == INCONSISTENT_POSE
+        assert order.reasons[5] == BoardStatus.INCONSISTENT_POSE
         assert sum(map(bool, order.reasons)) == 1

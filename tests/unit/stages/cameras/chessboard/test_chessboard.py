@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 
 from boards import BOARD, IMAGE_SIZE, PATTERN, SQUARE_M, add_noise, board_poses, make_rig, see_board
+from vfm_sdm.core.statuses import BoardStatus, CameraStatus
 from vfm_sdm.errors import CameraError, DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Session
-from vfm_sdm.stages.cameras.chessboard.estimator import (
-    BASELINES_DISAGREE,
-    ChessboardCameras,
-    board_points,
-    calibrate_camera,
-    calibrate_rig,
-)
-from vfm_sdm.stages.cameras.chessboard.order import AMBIGUOUS_ORDER, agree_on_order, board_symmetries
+from vfm_sdm.stages.cameras.chessboard.estimator import ChessboardCameras, board_points, calibrate_camera, calibrate_rig
+from vfm_sdm.stages.cameras.chessboard.order import agree_on_order, board_symmetries
 
 SIZES = {"left": IMAGE_SIZE, "right": IMAGE_SIZE, "third": IMAGE_SIZE}
 
@@ -162,12 +157,14 @@ class TestBadPairs:
         # Boards so alike that nothing tells the order do not calibrate either, so the verdict is put in by hand.
         def doubtful(first, second, board):
             order = agree_on_order(first, second, board)
-            return replace(order, reasons=(AMBIGUOUS_ORDER, *order.reasons[1:])) if len(first) == 10 else order
+            return (
+                replace(order, reasons=(BoardStatus.AMBIGUOUS_ORDER, *order.reasons[1:])) if len(first) == 10 else order
+            )
 
         monkeypatch.setattr("vfm_sdm.stages.cameras.chessboard.pairs.agree_on_order", doubtful)
         rig, corners = simulated(noise_px=0.0)
         found = calibrate_rig(corners, BOARD, SIZES)
-        assert found.dropped == {"pair 1": AMBIGUOUS_ORDER}
+        assert found.dropped == {"pair 1": BoardStatus.AMBIGUOUS_ORDER}
         assert found.baseline_m == pytest.approx(rig.baseline(), abs=1e-8)
 
     def test_pair_turned_back_and_forth_ends_as_ambiguous(self, monkeypatch):
@@ -178,7 +175,7 @@ class TestBadPairs:
         monkeypatch.setattr("vfm_sdm.stages.cameras.chessboard.pairs.agree_on_order", restless)
         _, corners = simulated(noise_px=0.0)
         found = calibrate_rig(corners, BOARD, SIZES)
-        assert found.dropped == {"pair 1": AMBIGUOUS_ORDER}
+        assert found.dropped == {"pair 1": BoardStatus.AMBIGUOUS_ORDER}
         assert found.reordered == ()
 
     @pytest.mark.parametrize("fault", ["one corner", "shifted", "other pose"])
@@ -375,7 +372,7 @@ class TestEstimator:
         _, corners = simulated()
         save_corners(tmp_path, corners)
         estimate = ChessboardCameras().estimate(session(tmp_path, 0.21, corners="corners.npz"), frames("left", "right"))
-        assert estimate.status == BASELINES_DISAGREE
+        assert estimate.status == CameraStatus.BASELINES_DISAGREE
         assert "measured 0.2100 m" in estimate.notes[-1]
         assert "standard deviations; check the size of the squares and the tape" in estimate.notes[-1]
 
