@@ -46,6 +46,7 @@ __all__ = [
     "make_tracks",
     "status_variable",
     "trusted_values",
+    "worst_status",
 ]
 
 PIXEL = ("u", "v")
@@ -61,6 +62,8 @@ class Status:
 
 
 _SENSOR_DIMS = ("time", "sensor", "axis")
+_SEVERITY = np.array([0, 2, 3, 1, 4])
+"""Of the codes of `Status`, in their order."""
 _UNEVEN = 0.01
 """Share of the sampling interval by which a time stamp of a sensor's clock may be off: its stamps are computed from the
 rate, so that only the digits of a stated rate can part them."""
@@ -72,6 +75,19 @@ def status_variable(dims: Sequence[str], codes: npt.ArrayLike) -> xr.Variable:
     values = np.asarray(codes, dtype=np.int8)
     flags = np.arange(len(STATUS_MEANINGS), dtype=np.int8)
     return xr.Variable(dims, values, {"flag_values": flags, "flag_meanings": " ".join(STATUS_MEANINGS)})
+
+
+def worst_status(codes: npt.ArrayLike) -> npt.NDArray[np.int8]:
+    """The code of `Status` that says most against a sample, over the first axis: missing before unreliable before ok.
+
+    Examples
+    --------
+    >>> worst_status([[Status.OK, Status.LOST], [Status.UNRELIABLE, Status.OUTSIDE]]).tolist()
+    [3, 2]
+    """
+    values = np.asarray(codes, dtype=np.int8)
+    worst = _SEVERITY[values].argmax(axis=0)
+    return np.asarray(np.take_along_axis(values, worst[None], axis=0)[0])
 
 
 def make_points(

@@ -258,7 +258,8 @@ def _encoded(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     encoded: dict[str, Any] = {}
     for key, value in attrs.items():
         if (isinstance(value, str) and not value.startswith(_JSON)) or _is_native_number(value):
-            encoded[str(key)] = value
+            # As plain text: h5py knows no subclasses of it, such as statuses.
+            encoded[str(key)] = str(value) if isinstance(value, str) else value
             continue
         try:
             encoded[str(key)] = _JSON + json.dumps(value, default=_plain)

@@ -77,15 +77,15 @@ def write_export(name: str, folder: Path | str, displacement: xr.Dataset) -> Pat
 
     Notes
     -----
-    A writer is a function of the path to write to and of the dataset, whose dims it finds in the order ``time, point,
-    axis``. It writes one file, and raises `ResultsError` where the data do not allow one.
+    A writer is a function of the path to write to and of the checked dataset, whose dims are in the order ``time,
+    point, axis``. It writes one file, and raises `ResultsError` where the data do not allow one.
     """
     return _write(find("writers", name).load(), name, folder, displacement)
 
 
 def _write(writer: Writer, name: str, folder: Path | str, displacement: xr.Dataset) -> Path:
     target = Path(folder) / f"displacement.{name}"
-    data = check_displacement(displacement).transpose("time", "point", "axis", ...)
+    data = check_displacement(displacement)
     try:
         with replace_file(target) as temporary:
             writer(temporary, data)
@@ -149,7 +149,8 @@ def to_uff(path: Path, displacement: xr.Dataset) -> None:
 
     Nodes are the points in their order, from 1; directions 1, 2, 3 are the axes in their order. Samples without a
     value are left out; such a series, or one whose frames are unevenly spaced, is written with its time stamps, which
-    the format keeps to six digits. A series without any value is left out. Letters outside ASCII become ``?``.
+    the format keeps to six digits. A series without any value is left out. Letters outside ASCII become ``?``, line
+    breaks in names blanks.
 
     Raises
     ------
@@ -200,7 +201,7 @@ def _dataset_58(
     return [
         "    -1",
         "    58",
-        " ".join(label)[:80],
+        "".join(letter if letter.isprintable() else " " for letter in " ".join(label))[:80],
         f"displacement along {label[1]}"[:80],
         "NONE",
         "vfm-sdm",

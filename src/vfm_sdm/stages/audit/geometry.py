@@ -41,7 +41,7 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
     show after it.
     """
     name, cameras = "site and lenses", inputs.cameras
-    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE):
+    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE, CameraStatus.UNKNOWN_DISTANCE):
         sentence = f"{cameras.status}: the displacement has no usable scale"
         return AuditCheck(name, Outcome.FAIL, float("nan"), _W_CAUTION, "std", sentence)
     tested = {q.name: _standardised(q) for q in cameras.quantities if _redundancy(q) > _LEAST_REDUNDANCY}
