@@ -47,7 +47,7 @@ def test_an_example_says_what_it_shows_and_how_to_run_it(example):
     assert f"\n    python examples/{example.name} [FOLDER]\n" in text.split('"""')[1]
 
 
-@pytest.mark.parametrize("example", example_cases())
+@pytest.mark.parametrize("example", list(example_cases()))
 def test_example_draws_its_figure_where_asked(example, tmp_path, shared_folder):
     done = run(example, tmp_path / "new" / "folder", cwd=tmp_path, shared=shared_folder)
     assert done.returncode == 0, done.stderr
