@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from boards import add_noise, board_poses, see_board
-from known_cameras import KnownCameras, as_colors, vggt_cameras, with_pictures, write_pictures
+from known_cameras import KnownCameras, Pictures, as_colors, vggt_cameras, with_pictures, write_pictures
 from rooms import BASELINE_M, SIZE, room_frames, room_rig, room_session
 from vfm_sdm.core.parts import BUILT_IN
 from vfm_sdm.errors import BackendUnavailableError, CameraError
@@ -38,7 +38,7 @@ FILE_STD = np.array([1e-3, 0.5, 0.5, 1e-3, *[1e-3] * 3, *[2e-3] * 3])
 def room():
     """The true rig, and what its cameras see."""
     rig = room_rig(2)
-    return rig, room_frames(rig)
+    return rig, Pictures(room_frames(rig))
 
 
 @pytest.fixture(params=sorted(ESTIMATORS))
@@ -185,7 +185,7 @@ def test_is_deterministic(name, room, folder):
 
 def test_the_first_frame_is_the_reference_view(name, room, folder):
     rig, frames = room
-    swapped = {view: frames[view] for view in reversed(rig.names)}
+    swapped = Pictures({view: frames[view] for view in reversed(rig.names)})
     truth = Rig.from_world(rig.names[::-1], rig.cameras[::-1], metric=True)
     found = asked(name, folder, rig, swapped, room).rig
     assert found.names == truth.names
@@ -206,7 +206,7 @@ def test_featureless_frames_are_a_named_failure(name, room, folder):
     if name not in NEEDS_FEATURES:
         pytest.skip(f"{name!r} does not rest on features")
     rig, _ = room
-    flat = {view: np.full(SIZE[::-1], 90, np.uint8) for view in rig.names}
+    flat = Pictures({view: np.full(SIZE[::-1], 90, np.uint8) for view in rig.names})
     estimate = find_estimator(name).estimate(session_for(name, folder, rig), flat)
     assert (estimate.rig, estimate.matches) == (None, ())
     assert estimate.status != "ok"
@@ -218,7 +218,7 @@ def test_one_view_is_refused(name, room, folder):
         pytest.skip(f"{name!r} needs no second view")
     rig, frames = room
     with pytest.raises(CameraError, match=r"expected at least two views, got \['left'\]; add a \[\[view\]\]"):
-        estimator_for(name, folder).estimate(session_for(name, folder, rig), {"left": frames["left"]})
+        estimator_for(name, folder).estimate(session_for(name, folder, rig), Pictures({"left": frames["left"]}))
 
 
 def test_a_missing_baseline_is_refused(name, room, folder):

@@ -14,7 +14,7 @@ from scipy.io import loadmat
 
 from uff import read_uff
 from vfm_sdm.core.datasets import STATUS_MEANINGS, STRUCTURE_AXES, make_displacement, make_tracks
-from vfm_sdm.core.netcdf import read_displacement, read_tracks, write_tracks
+from vfm_sdm.core.netcdf import read_displacement, read_points, read_tracks, write_tracks
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.outputs.results import (
     read_summary,
@@ -157,20 +157,25 @@ def test_tracks_that_cannot_be_written_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("read", "name", "what"),
-    [(read_tracks, "tracks.nc", "vfm-sdm track"), (read_displacement, "displacement.nc", "vfm-sdm measure")],
+    ("read", "kind", "what"),
+    [
+        (read_tracks, "tracks", "vfm-sdm track"),
+        (read_points, "points", "vfm-sdm cameras"),
+        (read_displacement, "displacement", "vfm-sdm measure"),
+    ],
 )
-def test_unreadable_results_are_named_with_the_remedy(tmp_path, read, name, what):
-    with pytest.raises(ResultsError, match=rf"{name}: expected a result, got no such file; .*`{what}`"):
+def test_unreadable_results_are_named_with_the_remedy(tmp_path, read, kind, what):
+    name = f"{kind}.nc"
+    with pytest.raises(ResultsError, match=rf"{name}: expected {kind}, got no such file; .*`{what}`"):
         read(tmp_path)
     (tmp_path / name).write_text("no netCDF")
-    with pytest.raises(ResultsError, match=rf"{name}: expected .*, got a damaged file .*`{what}"):
+    with pytest.raises(ResultsError, match=rf"{name}: expected {kind}, got a damaged file .*`{what}"):
         read(tmp_path)
     xr.Dataset({"a": 1}).to_netcdf(tmp_path / name, engine="h5netcdf")
     if read is read_tracks:
         tree = xr.DataTree.from_dict({"/left": xr.Dataset({"a": 1})})
         tree.to_netcdf(tmp_path / name, engine="h5netcdf")
-    with pytest.raises(ResultsError, match=rf"{name}: expected .*, got something else .*`{what}"):
+    with pytest.raises(ResultsError, match=rf"{name}: expected {kind}, got something else .*`{what}"):
         read(tmp_path)
 
 
