@@ -209,7 +209,10 @@ def _only(root: str, reads: Iterable[str], method: object, name: str) -> Any:
     if root in reads or not isinstance(value, BaseModel):
         return value
     declared = {read.partition(".")[2] for read in reads if read.startswith(f"{root}.")}
-    others = {key: field.get_default(call_default_factory=True) for key, field in type(value).model_fields.items()}
+    others = {
+        key: field.get_default(call_default_factory=True, validated_data={})
+        for key, field in type(value).model_fields.items()
+    }
     return value.model_copy(update={key: default for key, default in others.items() if key not in declared})
 
 
