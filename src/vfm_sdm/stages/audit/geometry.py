@@ -46,7 +46,7 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
        Publications on Geodesy 2(5).
     """
     name, cameras = "site and lenses", inputs.cameras
-    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE):
+    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE, CameraStatus.UNKNOWN_DISTANCE):
         sentence = f"{cameras.status}: the displacement has no usable scale"
         return AuditCheck(name, Outcome.FAIL, float("nan"), _W_CAUTION, "std", sentence)
     tested = {q.name: _standardise(q) for q in cameras.quantities if _compute_redundancy(q) > _LEAST_REDUNDANCY}

@@ -1,12 +1,16 @@
-"""Peaks of the normalised cross-correlation around a place: where a subset may be, to the pixel."""
+"""Where a subset may be: peaks of the normalised cross-correlation around a place, and whether one stands out."""
 
 import cv2
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 
-__all__ = ["correlation_peaks", "cut_subset"]
+__all__ = ["AMBIGUITY_MARGIN", "DISTINCT_PX", "correlation_peaks", "cut_subset", "has_rival"]
 
+AMBIGUITY_MARGIN = 0.05
+"""Two places are equally good when their correlations differ by less."""
+DISTINCT_PX = 2.0
+"""Registrations that end closer to each other found the same place [px]."""
 _SEPARATION_PX = 2  # two peaks are told apart when neither lies within this of the other
 _RANGE = 0.4
 """Peaks lower than the best by more are left out. Between the pixels a fine texture may correlate that much better."""
@@ -91,3 +95,21 @@ def correlation_peaks(
     best = np.argsort(-height_of, kind="stable")[:count]
     best = best[height_of[best] >= height_of.max(initial=-1) - _RANGE]
     return np.column_stack([columns[best] + left + half, rows[best] + top + half]).astype(np.float64)
+
+
+def has_rival(correlation: FloatArray, places: FloatArray, winner: int, *, distinct_px: float = DISTINCT_PX) -> bool:
+    """Whether another place resembles the subset as well as the winner does, so that the best one decides nothing.
+
+    Parameters
+    ----------
+    correlation
+        Of the subset with each place that was tried, shape (K,) [1]; below -1 where the registration failed.
+    places
+        Shape (K, 2) [px].
+    winner
+        Index of the place that would be chosen.
+    distinct_px
+        Places closer to the winner are the same place [px].
+    """
+    apart = np.linalg.norm(places - places[winner], axis=1) > distinct_px
+    return bool(np.any(correlation[apart] >= correlation[winner] - AMBIGUITY_MARGIN))

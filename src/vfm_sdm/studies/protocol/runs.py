@@ -130,14 +130,9 @@ def prepare_field_test(folder: Path, plan: Preset, *, progress: Progress | None 
     plan
         Settings of the field test.
     progress
-        Called with the frames done.
+        Called with the name of the step and the frames done.
     """
-
-    def step(done: int, total: int) -> None:
-        if progress is not None:
-            progress(f"filming {plan.name}", done, total)
-
-    session = read_session(make_field_test(folder, plan, progress=step))
+    session = read_session(make_field_test(folder, plan, progress=progress))
     reference = None
     if session.sensor:
         paths = [session.resolve(sensor.file) for sensor in session.sensor]
