@@ -1,4 +1,4 @@
-"""Settings of the refinement, and what it returns."""
+"""Settings and result of the structural geometry refinement."""
 
 from dataclasses import dataclass, field
 
@@ -18,12 +18,12 @@ REFINEMENT_STATUSES = tuple(str(status) for status in RefinementStatus)
 
 @dataclass(frozen=True)
 class SgrSettings:
-    """How tracks are refined.
+    """Settings of the refinement.
 
     Parameters
     ----------
     weights
-        Of the five terms.
+        Weights of the five terms.
     suppressed_axis
         The structural axis along which hardly any motion is expected: longitudinal for bridges, vertical for towers.
     uncertain_view
@@ -61,7 +61,7 @@ class SgrSettings:
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """Refined tracks of P points in T frames, and how they came about.
+    """Refined tracks of P points in T frames, and what is known of the refinement.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ class Refinement:
     iterations
         Steps until the minimum, shape (P,).
     prior_share
-        How much of what the refined coordinate u said about depth was replaced by the assumption, shape (P,), from 0
-        (images only) to 1 (assumption only); NaN where not ``ok``.
+        Share of the information of the refined coordinate u about depth that the assumption replaced, shape (P,) [1],
+        from 0 (images only) to 1 (assumption only); NaN where not ``ok``.
     gain
         Refined displacement along structural axis a from true motion along axis b, shape (P, 3, 3) [1]; NaN where not
         ``ok``.

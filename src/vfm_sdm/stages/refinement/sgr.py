@@ -43,11 +43,12 @@ def refine(
     rig
         Their cameras; they stay fixed.
     frame
-        The structure's axes.
+        The structure's axes in the reference camera's frame.
     settings
         Weights, suppressed axis and choice of the view; the paper's by default.
     still_interval_s
-        Displacement in the objective is relative to the mean over this interval; else to the first valid sample.
+        Beginning and end [s] of the interval whose mean is the origin of displacement; without it, the first valid
+        sample is the origin.
 
     Raises
     ------
@@ -71,6 +72,26 @@ def refine(
     Because every term has its own scale, the correction is strong where motion along the other axes stands out of the
     noise, and weaker where all that is seen is noise (a share of 0.4 for a point at rest). A few gross errors raise the
     scale of the suppressed axis and weaken the correction of the whole series; mark them as missing before.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> time_s = np.arange(300) / 30
+    >>> points3d = [1.0, 0.0, 25.0] + 5e-3 * np.sin(12 * time_s)[:, None] * [0.3, 1.0, 0.0]
+    >>> noise = np.random.default_rng(0).normal(0, 0.02, (300, 1, 2))
+    >>> views = []
+    >>> for camera, error, std in ((left, 0.0, 0.005), (right, noise, 0.02)):
+    ...     covariance = np.tile(std**2 * np.eye(2), (300, 1, 1, 1))
+    ...     seen = camera.project(points3d)[:, None] + error
+    ...     views.append(make_tracks(time_s, ["mid"], seen, covariance, np.zeros((300, 1)), attrs={}))
+    >>> tracks = xr.concat(views, "view").assign_coords(view=["left", "right"])
+    >>> refinement = refine(tracks, rig, StructureFrame(np.eye(3)))
+    >>> refinement.status, refinement.uncertain_view
+    (('ok',), ('right',))
     """
     chosen = settings or SgrSettings()
     names = _check_views(tracks, rig)

@@ -21,12 +21,12 @@ _FREQUENCIES = 64
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where the iteration of P points of T frames ended.
+    """Result of the iteration for P points of T frames.
 
     Parameters
     ----------
     correction
-        Of the pixel coordinate u, shape (P, T) [px]; zero where not valid.
+        Correction of the pixel coordinate u, shape (P, T) [px]; zero where not valid.
     valid
         Samples that took part, shape (P, T).
     cost, iterations, converged
@@ -133,11 +133,16 @@ def find_minimum(
         Its value without correction.
     weights, max_iterations
         See `SgrSettings`.
+
+    Returns
+    -------
+    minimum
+        Corrections, shape (P, T) [px], and how the iteration ended.
     """
     position, valid = baseline.position, baseline.valid
     slope = np.where(valid, baseline.slope, 0.0)
-    objective = make_objective(position, slope, triangulation.u, valid, reference=baseline.reference, weights=weights)
-    direction = _lost_motion(objective, slope)
+    objective = make_objective(position, slope, triangulation.u, valid, origin=baseline.reference, weights=weights)
+    direction = _compute_lost_motion(objective, slope)
     correction = np.zeros(triangulation.shape)
     cost = objective.cost(position, correction)
     points = len(cost)
@@ -167,7 +172,7 @@ def find_minimum(
     return Minimum(correction, valid, cost, iterations, converged, direction)
 
 
-def _lost_motion(objective: Objective, slope: FloatArray) -> FloatArray:
+def _compute_lost_motion(objective: Objective, slope: FloatArray) -> FloatArray:
     """See `Minimum.direction`: ``S g / g_z`` of the linearised problem, averaged over the frequencies, (P, 3)."""
     mean = slope.sum(axis=2) / objective.valid.sum(axis=1)
     frequency = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
