@@ -110,11 +110,15 @@ def clock_table(results: _Results) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for name, result in results.items():
         run, truth = result.runs.get(WITH_SGR), result.test.truth.attrs
-        second = result.test.session.view[1].name
-        clock = describe_clocks(run.displacement).get(second) if run and run.displacement is not None else None
-        if clock is not None:
-            true, offset, std = float(truth["second_view_offset_s"]), clock["offset_s"], clock["offset_std_s"]
-            rows.append((name, "second view", true, offset, 1e3 * (offset - true), 1e3 * std, clock["status"]))
+        clocks = describe_clocks(run.displacement) if run is not None and run.displacement is not None else {}
+        offsets_s = truth.get("view_offsets_s", [0.0, truth["second_view_offset_s"]])
+        for number, (view, true) in enumerate(zip(result.test.session.view, offsets_s, strict=True)):
+            if number > 0 and view.name in clocks:
+                clock = clocks[view.name]
+                offset, std = clock["offset_s"], clock["offset_std_s"]
+                what = "second view" if number == 1 else f"view {view.name}"
+                errors = (1e3 * (offset - float(true)), 1e3 * std)
+                rows.append((name, what, float(true), offset, *errors, clock["status"]))
         evaluation = result.evaluations["accelerometers"].get(WITH_SGR)
         if evaluation is not None and evaluation.synchronization is not None:
             found = evaluation.synchronization

@@ -134,28 +134,31 @@ def _measure_errors(name: str, plan: Preset, folder: Path, progress: Progress | 
 
 
 def _give_cameras(test: FieldTest) -> FieldTest:
-    """The field test with places and clock of the second view given, so that only tracking and geometry count."""
-    second = test.session.view[1].name
+    """The field test with places and clocks of the further views given, so that only tracking and geometry count."""
     start = [recording.start_s for recording in test.plan.recordings]
     views = tuple(
         view.model_copy(update={"time_offset_s": s - start[0], "time_offset_std_s": _CLOCK_STD_S})
         for view, s in zip(test.session.view, start, strict=True)
     )
-    camera = test.plan.site.cameras()[1]
-    places = {p.name: tuple(float(x) for x in camera.project(np.array(p.position))) for p in test.plan.points}
-    points = tuple(p.model_copy(update={"pixel_in": {second: places[p.name]}}) for p in test.session.point)
+    further = dict(zip(test.plan.views[1:], test.plan.site.cameras()[1:], strict=True))
+    places = {
+        p.name: {view: tuple(camera.project(np.array(p.position)).tolist()) for view, camera in further.items()}
+        for p in test.plan.points
+    }
+    points = tuple(p.model_copy(update={"pixel_in": places[p.name]}) for p in test.session.point)
     method = test.session.method.model_copy(update={"subset_px": _SUBSET_PX})
     return replace(test, session=test.session.model_copy(update={"view": views, "point": points, "method": method}))
 
 
 def _change_recordings(plan: Preset, **changes: float | int) -> Preset:
-    first, second = (replace(recording, **changes) for recording in plan.recordings)  # type: ignore[arg-type]
-    return replace(plan, recordings=(first, second))
+    recordings = (replace(recording, **changes) for recording in plan.recordings)  # type: ignore[arg-type]
+    return replace(plan, recordings=tuple(recordings))
 
 
 def _change_baseline(plan: Preset, length_m: float) -> Preset:
-    x, y, z = (length_m / plan.baseline_m * np.asarray(plan.site.second_center)).tolist()
-    return replace(plan, site=replace(plan.site, second_center=(x, y, z)))
+    second, *others = plan.site.further
+    x, y, z = (length_m / plan.baseline_m * np.asarray(second.center)).tolist()
+    return replace(plan, site=replace(plan.site, further=(replace(second, center=(x, y, z)), *others)))
 
 
 _CHANGES: dict[str, Callable[[Preset, float], Preset]] = {
