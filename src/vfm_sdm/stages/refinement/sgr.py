@@ -203,9 +203,9 @@ def _expected_error(variance: FloatArray, task: _Task) -> FloatArray:
     """Variance along the other axes once u of a view is corrected until nothing moves along the suppressed one, (V, P).
 
     From the variance of u and v in every view, shape (V, P, 2) [px2]. A correction moves a point along ``g = dX/du``;
-    it takes along the noise n, of which ``n - n_z g / g_z`` is left, and true motion along the suppressed axis, of which
-    ``g / g_z`` is left elsewhere: as much as the series varies beyond its noise, or might in so many frames. Infinite
-    for a view that cannot correct.
+    it takes along the noise n, of which ``n - n_z g / g_z`` is left, and true motion along the suppressed axis, of
+    which ``g / g_z`` is left elsewhere: as much as the series varies beyond its noise, or might in so many frames.
+    Infinite for a view that cannot correct.
     """
     sight, axes = task.sight, task.frame.rotation[task.order]
     seen = sight.visibility.of_sample >= 0
