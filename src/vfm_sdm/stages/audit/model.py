@@ -1,19 +1,22 @@
 """Results of an audit: checks, each with a value and a sentence, and the verdict that follows from them."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray, mean_of_known
 from vfm_sdm.core.statuses import Outcome, Verdict
+from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
 __all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "Limits", "judge"]
+
+T = TypeVar("T")
 
 NOISE_TRUST = 1.5
 """Factor by which stated noise may be too small before what is left counts as motion [1]."""
@@ -99,40 +102,74 @@ class Audit:
         return next(check for check in self.checks if check.name == name)
 
 
-@dataclass(frozen=True, eq=False)
+class _Read(Generic[T]):
+    """A product that checks read."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, inputs: "AuditInputs", owner: type | None = None) -> T:
+        if self._name not in inputs.given:
+            raise DatasetError(
+                f"audit: expected the product {self._name!r}, got {sorted(inputs.given)}; give it to AuditInputs"
+            )
+        return cast(T, inputs.given[self._name])
+
+
 class AuditInputs:
-    """Products of a measurement that the checks read.
+    """Products of a measurement; each check reads those that it looks at, and asks for no others.
 
     Parameters
     ----------
-    session
-        The measurement on site and its settings.
-    cameras
-        Cameras, axes and the adjustment to the site.
-    tracks
-        Tracks by view, shape (T, P, 2) [px], each on its own clock.
-    aligned
-        Tracks on one clock, with a dim ``view``, shape (V, T, P, 2) [px], without the motion of the cameras as far as
-        it was removed; before any refinement.
-    displacement
-        The result, shape (T, P, 3) [mm], with its uncertainty budget.
-    unrefined
-        Displacement as the images alone give it, shape (T, P, 3) [mm]; equal to ``displacement`` where nothing was
-        refined.
-    camera_motion
-        Motion of the cameras by view; empty where it was not looked for.
-    frames
-        First frame of every view, shape (H, W); without them, nothing that needs images is checked.
+    products
+        By name, any of these:
+
+        session
+            The measurement on site and its settings.
+        cameras
+            Cameras, axes and the adjustment to the site.
+        tracks
+            Tracks by view, shape (T, P, 2) [px], each on its own clock.
+        aligned
+            Tracks on one clock, with a dim ``view``, shape (V, T, P, 2) [px], without the motion of the cameras as far
+            as it was removed; before any refinement.
+        displacement
+            The result, shape (T, P, 3) [mm], with its uncertainty budget.
+        unrefined
+            Displacement as the images alone give it, shape (T, P, 3) [mm]; equal to ``displacement`` where nothing was
+            refined.
+        camera_motion
+            Motion of the cameras by view; empty where it was not looked for.
+        frames
+            First frame of every view, shape (H, W); empty where nothing that needs images can be checked.
+
+    Raises
+    ------
+    DatasetError
+        There is no such product; or, where a check reads one, it was not given.
+
+    Examples
+    --------
+    >>> inputs = AuditInputs(tracks={}, camera_motion={})
+    >>> inputs.tracks
+    {}
     """
 
-    session: Session
-    cameras: CameraSolution
-    tracks: Mapping[str, xr.Dataset]
-    aligned: xr.Dataset
-    displacement: xr.Dataset
-    unrefined: xr.Dataset
-    camera_motion: Mapping[str, ViewMotion] = field(default_factory=dict)
-    frames: Mapping[str, LumaArray] = field(default_factory=dict)
+    session = _Read[Session]()
+    cameras = _Read[CameraSolution]()
+    tracks = _Read[Mapping[str, xr.Dataset]]()
+    aligned = _Read[xr.Dataset]()
+    displacement = _Read[xr.Dataset]()
+    unrefined = _Read[xr.Dataset]()
+    camera_motion = _Read[Mapping[str, ViewMotion]]()
+    frames = _Read[Mapping[str, LumaArray]]()
+
+    def __init__(self, **products: object) -> None:
+        known = sorted(name for name, one in vars(AuditInputs).items() if isinstance(one, _Read))
+        unknown = sorted(set(products) - set(known))
+        if unknown:
+            raise DatasetError(f"audit: expected products of {known}, got {unknown}; correct their names")
+        self.given = dict(products)
 
     @property
     def moving(self) -> list[str]:
