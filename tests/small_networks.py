@@ -4,16 +4,22 @@ from contextlib import contextmanager
 
 import pytest
 
+from vfm_sdm.core.parts import BUILT_IN
+from vfm_sdm.core.registry import parts_of
 from vfm_sdm.inputs.session import Network
 from vfm_sdm.stages.tracking.base import find_tracker
 
-NETWORK_TRACKERS = ("vggt", "tapir", "vggt+icgn", "tapir+icgn")
+NETWORK_TRACKERS = tuple(
+    name
+    for name in BUILT_IN["trackers"]
+    if any(part.needs is not None and part.needs.checkpoints for part in parts_of("trackers", name).values())
+)
 ROUNDING_PX = 1e-6
 """How far two ways of computing one track may differ in double precision [px].
 
-Networks of random weights amplify rounding: on one processor or another, single precision makes up to 0.2 px of its
-6e-8, some three million times. Double precision begins at 1e-16, and hence ends at 4e-10; the rest is for processors
-that nobody has seen.
+Networks of random weights amplify: a query that is moved by 1e-9 px moves its track by 3e-4 px (up to twice as much
+with other seeds). A position of 100 px is rounded by 1e-14 px, which becomes 3e-9 px; the bound allows for some hundred
+such roundings in one direction, and 2e-8 px is the most that was seen. In single precision it would be pixels.
 """
 
 

@@ -281,7 +281,7 @@ def test_a_killed_camera_is_filmed_again_and_the_finished_one_is_not(tmp_path, m
     plan = tiny_plan("data-2", width=160, duration_s=0.5)
     make_field_test(tmp_path / "whole", plan)
 
-    def kill(done, total):
+    def kill(what, done, total):
         if done > 0.75 * total:
             raise KeyboardInterrupt
 

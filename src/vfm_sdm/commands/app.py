@@ -260,8 +260,8 @@ def fetch(
         path = fetch_weights(
             name,
             accept_licence=accepted,
-            progress=lambda done, total: progress(
-                f"{name}, MB", done // 10**6, None if total is None else total // 10**6
+            progress=lambda what, done, total: progress(
+                f"{what}, MB", done // 10**6, None if total is None else total // 10**6
             ),
         )
     _say(f"here: {path}")

@@ -45,8 +45,7 @@ def run_demo(folder: Path | str, *, seed: int = 1, progress: Progress | None = N
         Called with what is being done.
     """
     recording, run_folder = Path(folder) / "recording", Path(folder) / "run"
-    step = None if progress is None else lambda done, total: progress("making the recording", done, total)
-    session = make_demo(recording, seed=seed, progress=step)
+    session = make_demo(recording, seed=seed, progress=progress)
     measurement = measure(read_session(session), run_folder, progress=progress)
     evaluation = None
     if measurement.displacement is not None:

@@ -75,11 +75,11 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
     unchecked = [check for check in audit.checks if check.outcome is Outcome.NOT_POSSIBLE]
     for check in (*audit.flagged, *unchecked):
         style = {Outcome.FAIL: "red", Outcome.CAUTION: "yellow"}.get(check.outcome, "")
-        figure = ""
-        if np.isfinite(check.figure):
+        shown = ""
+        if np.isfinite(check.value):
             units = "" if check.units in ("", "1") else f" {check.units}"
-            figure = f" {check.figure:.3g}{units} (limit {check.limit:.3g}{units})"
-        yield Text(f" {check.outcome}: {check.name}{figure}: {check.sentence}", style=style)
+            shown = f" {check.value:.3g}{units} (limit {check.limit:.3g}{units})"
+        yield Text(f" {check.outcome}: {check.name}{shown}: {check.sentence}", style=style)
     passed = sum(check.outcome is Outcome.PASS for check in audit.checks)
     colour = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.REFUSED: "red"}[audit.verdict]
     reasons = f": {'; '.join(check.name for check in audit.flagged)}" if audit.flagged else ""

@@ -7,7 +7,17 @@ import numpy.typing as npt
 
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["BoolArray", "FloatArray", "IntArray", "LumaArray", "as_float_array", "mean_of_known", "unbroken_runs"]
+__all__ = [
+    "BoolArray",
+    "FloatArray",
+    "IntArray",
+    "LumaArray",
+    "as_float_array",
+    "clock_departure",
+    "is_even_clock",
+    "mean_of_known",
+    "unbroken_runs",
+]
 
 FloatArray = npt.NDArray[np.float64]
 """Double precision, any shape: everything geometric."""
@@ -60,8 +70,42 @@ def unbroken_runs(valid: BoolArray) -> list[slice]:
     return [slice(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def mean_of_known(values: FloatArray) -> FloatArray:
-    """Mean over the first axis of what is not NaN; NaN where nothing is."""
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+def mean_of_known(values: FloatArray, known: BoolArray | None = None, *, axis: int | tuple[int, ...] = 0) -> FloatArray:
+    """Mean of the values that are known, without a warning where there is none.
+
+    Parameters
+    ----------
+    values
+        Any shape.
+    known
+        Which values count, of a shape that broadcasts to that of the values; by default those that are finite.
+    axis
+        Over which the mean is taken; by default the first.
+
+    Returns
+    -------
+    mean
+        Without the axes that it was taken over; NaN where no value is known.
+    """
+    counts = np.broadcast_to(np.isfinite(values) if known is None else known, values.shape)
+    count = counts.sum(axis=axis)
+    total = np.where(counts, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def clock_departure(time_s: FloatArray, interval_s: float) -> FloatArray:
+    """How far time stamps are from the even clock ``t0 + i * interval_s``, in intervals, shape (T,).
+
+    Parameters
+    ----------
+    time_s
+        Stamps, shape (T,) [s].
+    interval_s
+        Between two ticks of the even clock [s].
+    """
+    return (time_s - time_s[:1]) / interval_s - np.arange(len(time_s))
+
+
+def is_even_clock(time_s: FloatArray, interval_s: float, *, tolerance: float) -> bool:
+    """Whether no time stamp is further from the even clock of `clock_departure` than the tolerance, in intervals."""
+    return bool(np.all(np.abs(clock_departure(time_s, interval_s)) <= tolerance))

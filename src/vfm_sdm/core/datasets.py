@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from vfm_sdm.core.arrays import FloatArray, clock_departure
 from vfm_sdm.core.statuses import SampleStatus
 from vfm_sdm.errors import DatasetError
 
@@ -44,6 +45,8 @@ __all__ = [
     "make_reference",
     "make_tracks",
     "status_variable",
+    "trusted_values",
+    "worst_status",
 ]
 
 PIXEL = ("u", "v")
@@ -59,8 +62,11 @@ class Status:
 
 
 _SENSOR_DIMS = ("time", "sensor", "axis")
+_SEVERITY = np.array([0, 2, 3, 1, 4])
+"""Of the codes of `Status`, in their order."""
 _UNEVEN = 0.01
-"""Share of the sampling interval by which a time stamp of a sensor's clock may be off."""
+"""Share of the sampling interval by which a time stamp of a sensor's clock may be off: its stamps are computed from the
+rate, so that only the digits of a stated rate can part them."""
 _UNIT_FACTORS = {("m", "mm"): 1e3, ("mm", "m"): 1e-3, ("g", "m/s2"): 9.80665, ("m/s2", "g"): 1 / 9.80665}
 
 
@@ -69,6 +75,19 @@ def status_variable(dims: Sequence[str], codes: npt.ArrayLike) -> xr.Variable:
     values = np.asarray(codes, dtype=np.int8)
     flags = np.arange(len(STATUS_MEANINGS), dtype=np.int8)
     return xr.Variable(dims, values, {"flag_values": flags, "flag_meanings": " ".join(STATUS_MEANINGS)})
+
+
+def worst_status(codes: npt.ArrayLike) -> npt.NDArray[np.int8]:
+    """The code of `Status` that says most against a sample, over the first axis: missing before unreliable before ok.
+
+    Examples
+    --------
+    >>> worst_status([[Status.OK, Status.LOST], [Status.UNRELIABLE, Status.OUTSIDE]]).tolist()
+    [3, 2]
+    """
+    values = np.asarray(codes, dtype=np.int8)
+    worst = _SEVERITY[values].argmax(axis=0)
+    return np.asarray(np.take_along_axis(values, worst[None], axis=0)[0])
 
 
 def make_points(
@@ -389,6 +408,20 @@ def check_reference(reference: xr.Dataset) -> xr.Dataset:
     return reference
 
 
+def trusted_values(dataset: xr.Dataset, name: str) -> FloatArray:
+    """Values of a variable with one more dim than ``status``, NaN where that is not ok.
+
+    Parameters
+    ----------
+    dataset
+        Tracks or displacement.
+    name
+        The variable, such as ``position`` (time, point, pixel) [px] or ``displacement`` (time, point, axis) [mm].
+    """
+    ok = dataset["status"].values == Status.OK
+    return np.where(ok[..., None], dataset[name].values, np.nan)
+
+
 def convert_units(array: xr.DataArray, units: str) -> xr.DataArray:
     """The array in other units, values and ``units`` attribute changed together.
 
@@ -429,7 +462,7 @@ def _check_even_clock(dataset: xr.Dataset) -> None:
     if not (rate > 0 and np.isfinite(rate)):
         raise DatasetError(f"sampling_rate_hz: expected an attribute > 0 Hz, got {rate}; set it")
     time_s = dataset["time"].values
-    off = np.abs((time_s - time_s[:1]) * rate - np.arange(len(time_s)))
+    off = np.abs(clock_departure(time_s, 1 / rate))
     if np.any(off > _UNEVEN):
         raise DatasetError(
             f"time: expected t0 + i / {rate:g} s, got {time_s[off > _UNEVEN][0]:.6f} s as sample "

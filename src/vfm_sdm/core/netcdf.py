@@ -1,7 +1,8 @@
 """Labelled data to netCDF and back without loss: any dataset, ``tracks.nc`` and ``displacement.nc``."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,10 +14,12 @@ from vfm_sdm.core.files import replace_file
 from vfm_sdm.errors import DatasetError, ResultsError
 
 __all__ = [
+    "read_dataset",
     "read_displacement",
     "read_points",
     "read_tracks",
     "storable",
+    "write_dataset",
     "write_displacement",
     "write_points",
     "write_tracks",
@@ -26,6 +29,47 @@ _ENGINE: Final = "h5netcdf"
 _JSON = "json:"
 _READ_ERRORS = (OSError, ValueError, KeyError, RuntimeError, TypeError)
 """What xarray, h5netcdf and HDF5 raise on files that are damaged or hold something else."""
+
+
+def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
+    """Writes any labelled dataset as compressed netCDF; returns its path.
+
+    Parameters
+    ----------
+    path
+        The file to make or replace; its folder is made when absent.
+    dataset
+        Attributes may be text, numbers, lists, ``None`` and tables of these; see `storable`.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written, or an attribute cannot be stored.
+    """
+    target, stored = Path(path), storable(dataset)
+    _write(target, lambda path: stored.to_netcdf(path, engine=_ENGINE, encoding=_compression(stored)))
+    return target
+
+
+def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *, kind: str, command: str) -> xr.Dataset:
+    """A dataset as written by `write_dataset`, fully loaded and checked.
+
+    Parameters
+    ----------
+    path
+        The file.
+    check
+        Gives the dataset back, or says in a `DatasetError` why it is not of the kind expected.
+    kind, command
+        For messages: what the file should hold, and which command makes it.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, damaged or holds something else.
+    """
+    with _reading(Path(path), kind, command), xr.open_dataset(path, engine=_ENGINE, decode_times=False) as dataset:
+        return check(_restored(dataset.load()))
 
 
 def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -> Path:
@@ -71,15 +115,13 @@ def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
     ResultsError
         The file is missing, damaged or does not hold tracks.
     """
-    source = _file_in(path, "tracks.nc", "vfm-sdm track")
-    try:
-        with xr.open_datatree(source, engine=_ENGINE, decode_times=False) as tree:
-            views = _decoded(tree.attrs).get("views", list(tree.children))
-            return {name: check_tracks(_restored(tree.children[name].to_dataset().load())) for name in views}
-    except DatasetError as error:
-        raise ResultsError(f"{source}: expected tracks, got something else ({error}); run `vfm-sdm track`") from error
-    except _READ_ERRORS as error:
-        raise ResultsError(f"{source}: expected tracks, got a damaged file ({error}); run `vfm-sdm track`") from error
+    file = _file_in(path, "tracks.nc")
+    with (
+        _reading(file, "tracks", "vfm-sdm track"),
+        xr.open_datatree(file, engine=_ENGINE, decode_times=False) as tree,
+    ):
+        views = _decoded(tree.attrs).get("views", list(tree.children))
+        return {name: check_tracks(_restored(tree.children[name].to_dataset().load())) for name in views}
 
 
 def write_points(folder: Path | str, points: xr.Dataset) -> Path:
@@ -99,10 +141,7 @@ def write_points(folder: Path | str, points: xr.Dataset) -> Path:
     DatasetError
         The dataset does not hold points.
     """
-    target = Path(folder) / "points.nc"
-    dataset = storable(check_points(points))
-    _write(target, lambda path: dataset.to_netcdf(path, engine=_ENGINE))
-    return target
+    return write_dataset(Path(folder) / "points.nc", check_points(points))
 
 
 def read_points(path: Path | str) -> xr.Dataset:
@@ -118,15 +157,7 @@ def read_points(path: Path | str) -> xr.Dataset:
     ResultsError
         The file is missing, damaged or does not hold points.
     """
-    source = _file_in(path, "points.nc", "vfm-sdm cameras")
-    again = "run `vfm-sdm cameras` again"
-    try:
-        with xr.open_dataset(source, engine=_ENGINE, decode_times=False) as dataset:
-            return check_points(_restored(dataset.load()))
-    except DatasetError as error:
-        raise ResultsError(f"{source}: expected points, got something else ({error}); {again}") from error
-    except _READ_ERRORS as error:
-        raise ResultsError(f"{source}: expected points, got a damaged file ({error}); {again}") from error
+    return read_dataset(_file_in(path, "points.nc"), check_points, kind="points", command="vfm-sdm cameras")
 
 
 def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
@@ -146,10 +177,7 @@ def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
     DatasetError
         The dataset does not hold displacement.
     """
-    target = Path(folder) / "displacement.nc"
-    dataset = storable(check_displacement(displacement))
-    _write(target, lambda path: dataset.to_netcdf(path, engine=_ENGINE, encoding=_compression(dataset)))
-    return target
+    return write_dataset(Path(folder) / "displacement.nc", check_displacement(displacement))
 
 
 def read_displacement(path: Path | str) -> xr.Dataset:
@@ -165,22 +193,25 @@ def read_displacement(path: Path | str) -> xr.Dataset:
     ResultsError
         The file is missing, damaged or does not hold displacement.
     """
-    source = _file_in(path, "displacement.nc", "vfm-sdm measure")
-    again = "run `vfm-sdm measure` again"
+    file = _file_in(path, "displacement.nc")
+    return read_dataset(file, check_displacement, kind="displacement", command="vfm-sdm measure")
+
+
+def _file_in(path: Path | str, name: str) -> Path:
+    return Path(path) / name if Path(path).is_dir() else Path(path)
+
+
+@contextmanager
+def _reading(file: Path, kind: str, command: str) -> Iterator[None]:
+    """Errors of reading a file, said as errors of the result that it should hold."""
+    if not file.is_file():
+        raise ResultsError(f"{file}: expected {kind}, got no such file; check the folder or run `{command}`")
     try:
-        with xr.open_dataset(source, engine=_ENGINE, decode_times=False) as dataset:
-            return check_displacement(_restored(dataset.load()))
+        yield
     except DatasetError as error:
-        raise ResultsError(f"{source}: expected displacement, got something else ({error}); {again}") from error
+        raise ResultsError(f"{file}: expected {kind}, got something else ({error}); run `{command}` again") from error
     except _READ_ERRORS as error:
-        raise ResultsError(f"{source}: expected displacement, got a damaged file ({error}); {again}") from error
-
-
-def _file_in(path: Path | str, name: str, command: str) -> Path:
-    source = Path(path) / name if Path(path).is_dir() else Path(path)
-    if not source.is_file():
-        raise ResultsError(f"{source}: expected a result, got no such file; check the folder or run `{command}`")
-    return source
+        raise ResultsError(f"{file}: expected {kind}, got a damaged file ({error}); run `{command}` again") from error
 
 
 def _write(target: Path, write: Callable[[Path], object]) -> None:
@@ -195,7 +226,7 @@ def _compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     return {
         str(name): {"zlib": True, "complevel": 1, "shuffle": True}
         for name, variable in dataset.data_vars.items()
-        if variable.ndim and variable.size and variable.dtype.kind != "O"
+        if variable.size > 1 and variable.dtype.kind in "iufb"
     }
 
 
@@ -227,7 +258,8 @@ def _encoded(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     encoded: dict[str, Any] = {}
     for key, value in attrs.items():
         if (isinstance(value, str) and not value.startswith(_JSON)) or _is_native_number(value):
-            encoded[str(key)] = value
+            # As plain text: h5py knows no subclasses of it, such as statuses.
+            encoded[str(key)] = str(value) if isinstance(value, str) else value
             continue
         try:
             encoded[str(key)] = _JSON + json.dumps(value, default=_plain)

@@ -1,5 +1,6 @@
 """Parts that other packages announce through entry points, looked for when asked and imported only when used."""
 
+import re
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, get_args
@@ -9,6 +10,8 @@ from vfm_sdm.errors import BackendUnavailableError
 
 __all__ = ["announced", "load_plugin", "origin"]
 
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_+-]*")
+"""A key of TOML without dots, and a part of a file's name."""
 _REMEDY = "repair or uninstall that package"
 _DECLARED = {"reads": tuple, "made_of": tuple, "chooses": tuple, "needs": Needs, "requires": tuple}
 """Fields of `Part` that a class states as its attributes, and their types."""
@@ -40,6 +43,8 @@ def load_plugin(kind: Kind, entry: EntryPoint) -> Part:
     """
     info = KINDS[kind]
     label = f"{info.word} {entry.name!r} of {origin(entry)}"
+    if not _NAME.fullmatch(entry.name):
+        raise BackendUnavailableError(f"{label}: expected a name of letters, digits, -, _, +, got others; {_REMEDY}")
     try:
         made = entry.load()
     # Other people's code may fail in any way, and must not take down what does not use it.

@@ -36,7 +36,13 @@ def part_names(kind: Kind) -> list[str]:
 
 
 def explain_unknown(kind: Kind, name: str) -> str | None:
-    """What to say of a name that no part has: expected, got, do; ``None`` where there is such a part."""
+    """What to say of a name that no part has: expected, got, do; ``None`` where there is such a part.
+
+    Examples
+    --------
+    >>> explain_unknown("trackers", "icng").rpartition("; ")[2]
+    "did you mean 'icgn'?"
+    """
     if name in BUILT_IN[kind]:
         return None
     known = sorted(part_names(kind))
@@ -131,6 +137,14 @@ def settings_read(kind: Kind, method: object) -> dict[str, Any]:
     ------
     BackendUnavailableError
         A part is unknown or broken, or declares to read a field that there is not.
+
+    Examples
+    --------
+    >>> from vfm_sdm.inputs.session import Method
+    >>> settings_read("trackers", Method(subset_px=31))
+    {'tracker': 'icgn', 'subset_px': 31}
+    >>> settings_read("cameras", Method(cameras="sfm"))
+    {'cameras': 'sfm', 'sfm.features': 'sift'}
     """
     settings: dict[str, Any] = {KINDS[kind].field: chosen_name(kind, method)}
     for (_, name), part in parts_of(kind, chosen_name(kind, method), method).items():
@@ -153,6 +167,12 @@ def code_modules(kind: Kind, method: object) -> tuple[str, ...]:
     ------
     BackendUnavailableError
         A part is unknown or broken.
+
+    Examples
+    --------
+    >>> from vfm_sdm.inputs.session import Method
+    >>> code_modules("trackers", Method(tracker="tapir+icgn"))[1:]
+    ('vfm_sdm.stages.tracking.icgn', 'vfm_sdm.stages.tracking.tapir')
     """
     parts = parts_of(kind, chosen_name(kind, method), method).values()
     return tuple(sorted({text for part in parts for text in (part.module, part.distribution) if text}))
@@ -177,7 +197,7 @@ def settings_model(name: str) -> type[PartSettings] | None:
     models = {model for kind in kinds if (model := find(kind, name).settings_model()) is not None}
     if len(models) > 1:
         raise BackendUnavailableError(
-            f"[method.{name}]: expected one model of its settings, got {' and '.join(sorted(map(str, models)))}; "
+            f"expected one model of these settings, got {' and '.join(sorted(map(str, models)))}; "
             "let one of the parts choose another name"
         )
     return models.pop() if models else None

@@ -74,6 +74,8 @@ class CameraStatus(StrEnum):
     """Some quantity left its prior or its measured value by more than three standard deviations."""
     NOT_IDENTIFIABLE = "focal length not determined"
     """No focal prior and nothing measured on site that fixes the focal length: displacement has no usable scale."""
+    UNKNOWN_DISTANCE = "distance of a further camera not determined"
+    """Too few points that three views see, and nothing measured, tell how far a third camera stands."""
     NOT_CONVERGED = "site adjustment did not converge"
 
 

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.distortion import distort, squared_fold_radius, undistort
-from vfm_sdm.geometry.poses import pose_array, rigid_transform
 
 __all__ = ["CAMERA_PARAMETERS", "Camera", "Rig"]
 
@@ -392,7 +391,10 @@ class Rig:
         >>> rig.cameras[1].center.tolist()
         [-2.0, 0.0, 0.0]
         """
-        world_from_first = rigid_transform(cameras[0].cam_from_world).inv()
-        poses = [pose_array(rigid_transform(c.cam_from_world) * world_from_first) for c in cameras]
-        moved = tuple(replace(c, cam_from_world=pose) for c, pose in zip(cameras, poses, strict=True))
-        return cls(tuple(names), moved, metric)
+        first = cameras[0]
+        moved = []
+        for c in cameras:
+            # Products of matrices leave a rig that begins at the origin as it is, to the last digit.
+            R = c.rotation @ first.rotation.T
+            moved.append(replace(c, cam_from_world=np.column_stack([R, c.translation - R @ first.translation])))
+        return cls(tuple(names), tuple(moved), metric)

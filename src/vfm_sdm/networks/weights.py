@@ -13,9 +13,10 @@ import tomli_w
 from platformdirs import user_cache_path
 
 from vfm_sdm.core.files import file_hash, replace_file
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks.checkpoints import CHECKPOINTS, Checkpoint
-from vfm_sdm.networks.download import Progress, download
+from vfm_sdm.networks.download import download
 
 __all__ = ["fetch_weights", "find_weights", "is_licence_accepted", "local_weights", "weights_folder", "weights_id"]
 
@@ -112,7 +113,7 @@ def fetch_weights(
     token
         Of Hugging Face, for gated checkpoints; without one the stored login or ``HF_TOKEN`` is used.
     progress
-        Called with the bytes that are here and those of the whole file.
+        Called with the checkpoint's name, the bytes that have arrived and those of the whole file.
 
     Returns
     -------

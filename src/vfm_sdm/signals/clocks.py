@@ -1,16 +1,18 @@
-"""Two series brought to the same stamps, and the lag that is left between them."""
+"""Stamps of series: which lie in an interval, two series on the same ones, and the lag that is left between them."""
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, is_even_clock
+from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.resampling import interpolate_runs
 
-__all__ = ["estimate_remaining_lag", "even_clock", "interpolate"]
+__all__ = ["ROUNDED_STAMPS", "estimate_remaining_lag", "even_clock", "interpolate", "still_frames"]
 
 _GAP_STEPS = 1.5
 """A step of a clock longer than this many intervals is a gap."""
-_UNEVEN = 0.05
-"""Share of the frame interval by which stamps may miss an even clock and still be filtered as they are."""
+ROUNDED_STAMPS = 0.05
+"""Share of a frame interval by which stamps may miss an even clock and still count as that clock: containers round to
+milliseconds, which is 3 % of an interval at 60 frames a second."""
 
 
 def even_clock(time_s: FloatArray) -> tuple[FloatArray, float]:
@@ -41,9 +43,26 @@ def even_clock(time_s: FloatArray) -> tuple[FloatArray, float]:
     interval = float(steps[whole].mean())
     numbers = np.arange(int(np.floor((time_s[-1] - time_s[0]) / interval + 0.5)) + 1)
     grid = time_s[0] + numbers * interval
-    if len(grid) == len(time_s) and np.all(np.abs(grid - time_s) < _UNEVEN * interval):
+    if len(grid) == len(time_s) and is_even_clock(time_s, interval, tolerance=ROUNDED_STAMPS):
         return time_s, 1 / interval
     return grid, 1 / interval
+
+
+def still_frames(time_s: FloatArray, still_interval_s: tuple[float, float]) -> BoolArray:
+    """Frames of the interval during which the structure rests, shape (T,).
+
+    Raises
+    ------
+    DatasetError
+        No frame lies in it.
+    """
+    still = (time_s >= still_interval_s[0]) & (time_s <= still_interval_s[1])
+    if not still.any():
+        raise DatasetError(
+            f"still interval: expected frames between {still_interval_s[0]} and {still_interval_s[1]} s, got a "
+            f"recording from {time_s[0]:.3f} to {time_s[-1]:.3f} s; correct method.still_interval_s"
+        )
+    return np.asarray(still)
 
 
 def interpolate(have_s: FloatArray, values: FloatArray, want_s: FloatArray) -> FloatArray:

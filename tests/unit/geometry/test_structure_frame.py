@@ -27,7 +27,7 @@ def test_axes_of_a_level_camera(side, sign):
     assert lateral @ [1, 0, 0] == pytest.approx(sign * np.cos(angle))
     np.testing.assert_allclose(vertical, [0, 1, 0])
     assert abs(longitudinal @ [0, 0, 1]) == pytest.approx(np.cos(angle))
-    np.testing.assert_allclose(np.cross(lateral, vertical), longitudinal, atol=1e-15)
+    np.testing.assert_allclose(np.cross(lateral, vertical), longitudinal, atol=1e-12)
 
 
 def test_upward_pitch_lifts_the_optical_axis():

@@ -193,8 +193,8 @@ def test_progress_counts_up_to_the_whole_file(address, monkeypatch):
     address()
     monkeypatch.setattr(download, "_BLOCK_BYTES", 4000)
     seen = []
-    fetch_weights("tapir-panning", accept_licence=True, progress=lambda done, total: seen.append((done, total)))
-    assert seen == [(done, len(CONTENT)) for done in (4000, 8000, len(CONTENT))]
+    fetch_weights("tapir-panning", accept_licence=True, progress=lambda *step: seen.append(step))
+    assert seen == [("tapir-panning", done, len(CONTENT)) for done in (4000, 8000, len(CONTENT))]
 
 
 def test_a_download_that_fails_leaves_nothing(folder, address):
@@ -301,12 +301,12 @@ def hub(monkeypatch):
 
 def test_a_checkpoint_comes_from_hugging_face(folder, hub):
     seen = []
-    file = fetch_weights("vggt-1b", accept_licence=True, progress=lambda done, total: seen.append((done, total)))
+    file = fetch_weights("vggt-1b", accept_licence=True, progress=lambda *step: seen.append(step))
     assert file == local_weights("vggt-1b") == folder / "vggt-1b.safetensors"
     assert file.read_bytes() == CONTENT
     assert not file.is_symlink()
     assert files(folder) == {"vggt-1b.safetensors", "licences.toml"}
-    assert seen[-1] == (len(CONTENT), len(CONTENT))
+    assert seen[-1] == ("vggt-1b", len(CONTENT), len(CONTENT))
 
 
 def test_the_token_is_passed_on(hub):

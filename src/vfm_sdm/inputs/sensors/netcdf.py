@@ -2,21 +2,15 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.datasets import check_reference
-from vfm_sdm.core.files import replace_file
-from vfm_sdm.core.netcdf import read_displacement
-from vfm_sdm.errors import DatasetError, ResultsError
+from vfm_sdm.core.datasets import check_displacement, check_reference
+from vfm_sdm.core.netcdf import read_dataset, write_dataset
+from vfm_sdm.errors import DatasetError
 
 __all__ = ["join_sensors", "read_comparison", "write_reference"]
-
-_ENGINE: Final = "h5netcdf"
-_READ_ERRORS = (OSError, ValueError, KeyError, RuntimeError, TypeError)
-"""What xarray, h5netcdf and HDF5 raise on files that are damaged or hold something else."""
 
 
 def join_sensors(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -94,14 +88,8 @@ def write_reference(path: Path | str, reference: xr.Dataset) -> Path:
     ...     print(read_comparison(write_reference(f"{folder}/gauge.nc", gauge))["displacement"].shape)
     (2, 1, 1)
     """
-    target = Path(path)
-    check_reference(reference)
-    try:
-        with replace_file(target) as temporary:
-            reference.drop_encoding().to_netcdf(temporary, engine=_ENGINE)
-    except OSError as error:
-        raise ResultsError(f"{target}: expected to write it, got: {error}; choose another folder") from error
-    return target
+    band_hz = np.asarray(check_reference(reference).attrs["band_hz"])  # an array, which other programs can read
+    return write_dataset(path, reference.assign_attrs(band_hz=band_hz))
 
 
 def read_comparison(path: Path | str) -> xr.Dataset:
@@ -122,21 +110,8 @@ def read_comparison(path: Path | str) -> xr.Dataset:
     ResultsError
         The file is missing, damaged or holds something else.
     """
-    source = Path(path)
-    if not source.is_file():
-        raise ResultsError(f"{source}: expected a reference, got no such file; make it with `vfm-sdm reference`")
-    try:
-        with xr.open_dataset(source, engine=_ENGINE, decode_times=False) as dataset:
-            if "sensor" not in dataset.dims:
-                return read_displacement(source)
-            reference = dataset.load()
-    except ResultsError:
-        raise
-    except _READ_ERRORS as error:
-        raise ResultsError(f"{source}: expected netCDF, got: {error}; run `vfm-sdm reference` again") from error
-    try:
-        return check_reference(reference)
-    except DatasetError as error:
-        raise ResultsError(
-            f"{source}: expected a reference, got something else ({error}); run `vfm-sdm reference` again"
-        ) from error
+    return read_dataset(path, _check_comparison, kind="a reference or displacement", command="vfm-sdm reference")
+
+
+def _check_comparison(dataset: xr.Dataset) -> xr.Dataset:
+    return check_reference(dataset) if "sensor" in dataset.dims else check_displacement(dataset)

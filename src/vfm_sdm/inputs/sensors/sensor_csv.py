@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, clock_departure
 from vfm_sdm.core.datasets import STRUCTURE_AXES, convert_units, make_acceleration, make_reference
 from vfm_sdm.errors import DatasetError
 
@@ -249,7 +249,7 @@ def _make_even_clock(
     interval = float(np.median(intervals))
     if not interval > 0:
         raise DatasetError(f"{path}: expected rising time stamps, got {interval:g} s between samples; sort the rows")
-    uneven = np.abs(intervals - interval) > _UNEVEN * interval
+    uneven = np.abs(np.diff(clock_departure(stamps, interval))) > _UNEVEN
     if uneven.any():
         row = int(np.flatnonzero(uneven)[0]) + 3
         raise DatasetError(

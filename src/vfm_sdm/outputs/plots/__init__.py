@@ -1,4 +1,4 @@
-"""Figures of tracks, displacement and first frames: functions (data, ax=None) -> axes, and a run folder's pictures."""
+"""Figures of tracks, displacement, first frames and the audit: functions (data, ax=None) -> axes, and their files."""
 
 from vfm_sdm.outputs.plots.audit import plot_audit
 from vfm_sdm.outputs.plots.figures import file_stem, save_figures

@@ -1,4 +1,4 @@
-"""The figures of a run folder."""
+"""The figures of a run folder, and their files."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.outputs.plots.audit import plot_audit
+from vfm_sdm.outputs.plots.drawing import list_names
 from vfm_sdm.outputs.plots.panels import plot_displacement, plot_points, plot_trajectory
 from vfm_sdm.stages.audit import Audit
 
@@ -42,9 +43,9 @@ def save_figures(
     folder
         The run folder.
     tracks_by_view
-        Tracks of each view.
+        Tracks of each view, shape (T, P, 2) [px].
     displacement
-        See `vfm_sdm.core.datasets`; None when there is none.
+        Displacement dataset, shape (T, P, 3) [mm]; None when there is none.
     frames
         First frame by view, shape (H, W) or (H, W, 3).
     points_by_view
@@ -61,30 +62,41 @@ def save_figures(
     """
     figures: list[tuple[str, Figure]] = []
     for view, tracks in tracks_by_view.items():
-        figures.append((f"trajectory_{file_stem(view)}", _trajectory_figure(view, tracks)))
+        figures.append((f"trajectory_{file_stem(view)}", _draw_trajectories(view, tracks)))
     if displacement is not None:
-        for point in _names(displacement, "point"):
-            figures.append((f"displacement_{file_stem(point)}", _displacement_figure(displacement, point)))
+        for point in list_names(displacement, "point"):
+            figures.append((f"displacement_{file_stem(point)}", _draw_displacement(displacement, point)))
     for view, points in points_by_view.items():
         if view not in frames or view not in tracks_by_view:
             raise DatasetError(f"view {view!r}: expected its first frame and its tracks, got neither or one; pass both")
         height, width = frames[view].shape[:2]
-        figure = _figure(rows_in=min(_WIDTH_IN * height / width, 12.0))
-        axes = plot_points(frames[view], points, _names(tracks_by_view[view], "point"), figure.add_subplot())
+        figure = _make_figure(rows_in=min(_WIDTH_IN * height / width, 12.0))
+        axes = plot_points(frames[view], points, list_names(tracks_by_view[view], "point"), figure.add_subplot())
         axes.set_title(f"points in view {view}, first frame", loc="left")
         figures.append((f"points_{file_stem(view)}", figure))
     if audit is not None:
-        figures.append(("audit", _audit_figure(audit)))
-    return _save(Path(folder) / "figures", figures)
+        figures.append(("audit", _draw_audit(audit)))
+    return _write_figures(Path(folder) / "figures", figures)
 
 
 def file_stem(name: str) -> str:
-    """A name as part of a file name: ``1/2 span`` becomes ``1-2_span``."""
+    """A name as part of a file name.
+
+    Parameters
+    ----------
+    name
+        Name of a view or a point.
+
+    Examples
+    --------
+    >>> file_stem("1/2 span")
+    '1-2_span'
+    """
     stem = re.sub(r"[^\w.+-]", "-", re.sub(r"\s+", "_", name.strip()))
     return stem.strip(".") or "unnamed"
 
 
-def _save(folder: Path, figures: Sequence[tuple[str, Figure]]) -> list[Path]:
+def _write_figures(folder: Path, figures: Sequence[tuple[str, Figure]]) -> list[Path]:
     paths: list[Path] = []
     taken: set[str] = set()
     for stem, figure in figures:
@@ -103,33 +115,33 @@ def _save(folder: Path, figures: Sequence[tuple[str, Figure]]) -> list[Path]:
     return paths
 
 
-def _trajectory_figure(view: str, tracks: xr.Dataset) -> Figure:
-    names = _names(tracks, "point")
+def _draw_trajectories(view: str, tracks: xr.Dataset) -> Figure:
+    names = list_names(tracks, "point")
     shown = names[:_MOST_PANELS]
-    figure = _figure(rows_in=1.7 * max(len(shown), 1))
+    figure = _make_figure(rows_in=1.7 * max(len(shown), 1))
     panels = figure.subplots(max(len(shown), 1), 1, sharex=True, squeeze=False, gridspec_kw={"hspace": 0.3})[:, 0]
     for panel, point in zip(panels, shown, strict=False):
         plot_trajectory(tracks, panel, point=point)
         panel.label_outer()
     part = f" ({len(shown)} of {len(names)} points)" if len(shown) < len(names) else ""
-    _head(figure, f"image movement in view {view}{part}", panels.tolist())
+    _add_head(figure, f"image movement in view {view}{part}", panels.tolist())
     return figure
 
 
-def _displacement_figure(displacement: xr.Dataset, point: str) -> Figure:
-    axes_names = _names(displacement, "axis")
-    figure = _figure(rows_in=2.1 * len(axes_names))
+def _draw_displacement(displacement: xr.Dataset, point: str) -> Figure:
+    axes_names = list_names(displacement, "axis")
+    figure = _make_figure(rows_in=2.1 * len(axes_names))
     panels = figure.subplots(len(axes_names), 1, sharex=True, squeeze=False, gridspec_kw={"hspace": 0.2})[:, 0]
     for panel, axis in zip(panels, axes_names, strict=True):
         plot_displacement(displacement, panel, point=point, axis=axis)
         panel.set_title("", loc="left")
         panel.label_outer()
     frame = displacement.attrs.get("frame")
-    _head(figure, f"displacement of {point}" + (f" ({frame} axes)" if frame else ""), panels.tolist())
+    _add_head(figure, f"displacement of {point}" + (f" ({frame} axes)" if frame else ""), panels.tolist())
     return figure
 
 
-def _audit_figure(audit: Audit) -> Figure:
+def _draw_audit(audit: Audit) -> Figure:
     figure = Figure(figsize=(14.0, 1.3 + 0.34 * len(audit.checks)))
     # Names of checks on the left, their sentences on the right.
     figure.subplots_adjust(left=0.17, right=0.52, bottom=0.6 / figure.get_figheight(), top=0.93)
@@ -137,7 +149,7 @@ def _audit_figure(audit: Audit) -> Figure:
     return figure
 
 
-def _figure(rows_in: float) -> Figure:
+def _make_figure(rows_in: float) -> Figure:
     """A figure with fixed margins around a plotting area of this height [inch].
 
     An automatic layout would draw every figure twice.
@@ -150,7 +162,7 @@ def _figure(rows_in: float) -> Figure:
     return figure
 
 
-def _head(figure: Figure, title: str, panels: Sequence[Axes]) -> None:
+def _add_head(figure: Figure, title: str, panels: Sequence[Axes]) -> None:
     """A title, and one legend for all panels so that none covers data."""
     height = figure.get_size_inches()[1]
     figure.text(0.01, 1 - 0.1 / height, title, ha="left", va="top", fontsize="large")
@@ -161,7 +173,3 @@ def _head(figure: Figure, title: str, panels: Sequence[Axes]) -> None:
             entries.setdefault(label, handle)
     if entries:
         figure.legend(entries.values(), entries.keys(), loc="upper right", ncols=len(entries), frameon=False)
-
-
-def _names(dataset: xr.Dataset, dim: str) -> list[str]:
-    return [str(name) for name in dataset[dim].values]

@@ -8,21 +8,19 @@ import numpy as np
 import xarray as xr
 from scipy.io import savemat
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, is_even_clock
 from vfm_sdm.core.datasets import STATUS_MEANINGS, check_displacement, convert_units
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.core.netcdf import storable
 from vfm_sdm.core.netcdf import write_displacement as write_netcdf
 from vfm_sdm.core.registry import find
 from vfm_sdm.errors import ResultsError
+from vfm_sdm.signals.clocks import ROUNDED_STAMPS
 
 __all__ = ["Writer", "to_csv", "to_mat", "to_uff", "write_displacement", "write_export"]
 
 Writer = Callable[[Path, xr.Dataset], None]
 """See `write_export`."""
-
-_EVEN_CLOCK = 0.05
-"""Share of a frame interval by which stamps may stray (containers round them) and still count as evenly spaced."""
 
 # Codes of the universal file format, datasets 58 and 164.
 _TIME_RESPONSE = 1
@@ -79,15 +77,15 @@ def write_export(name: str, folder: Path | str, displacement: xr.Dataset) -> Pat
 
     Notes
     -----
-    A writer is a function of the path to write to and of the dataset, whose dims it finds in the order ``time, point,
-    axis``. It writes one file, and raises `ResultsError` where the data do not allow one.
+    A writer is a function of the path to write to and of the checked dataset, whose dims are in the order ``time,
+    point, axis``. It writes one file, and raises `ResultsError` where the data do not allow one.
     """
     return _write(find("writers", name).load(), name, folder, displacement)
 
 
 def _write(writer: Writer, name: str, folder: Path | str, displacement: xr.Dataset) -> Path:
     target = Path(folder) / f"displacement.{name}"
-    data = check_displacement(displacement).transpose("time", "point", "axis", ...)
+    data = check_displacement(displacement)
     try:
         with replace_file(target) as temporary:
             writer(temporary, data)
@@ -151,7 +149,8 @@ def to_uff(path: Path, displacement: xr.Dataset) -> None:
 
     Nodes are the points in their order, from 1; directions 1, 2, 3 are the axes in their order. Samples without a
     value are left out; such a series, or one whose frames are unevenly spaced, is written with its time stamps, which
-    the format keeps to six digits. A series without any value is left out. Letters outside ASCII become ``?``.
+    the format keeps to six digits. A series without any value is left out. Letters outside ASCII become ``?``, line
+    breaks in names blanks.
 
     Raises
     ------
@@ -197,14 +196,12 @@ def _dataset_58(
 ) -> list[str]:
     """One function: heading, degree of freedom, abscissa, axes and values."""
     interval = (time_s[-1] - time_s[0]) / (time_s.size - 1) if time_s.size > 1 else 0.0
-    even = time_s.size > 1 and bool(
-        np.all(np.abs(time_s - time_s[0] - interval * np.arange(time_s.size)) <= _EVEN_CLOCK * interval)
-    )
+    even = time_s.size > 1 and is_even_clock(time_s, interval, tolerance=ROUNDED_STAMPS)
     dof = f" {'NONE':<10s}{node:10d}{direction:4d} {'NONE':<10s}{0:10d}{0:4d}"
     return [
         "    -1",
         "    58",
-        " ".join(label)[:80],
+        "".join(letter if letter.isprintable() else " " for letter in " ".join(label))[:80],
         f"displacement along {label[1]}"[:80],
         "NONE",
         "vfm-sdm",

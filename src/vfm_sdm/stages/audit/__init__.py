@@ -16,23 +16,21 @@ def audit(inputs: AuditInputs) -> Audit:
     Parameters
     ----------
     inputs
-        The measurement, as its stages left it.
+        Products of the measurement.
 
-    Notes
-    -----
-    Nothing here compares with a reference, so what moves all cameras, points and lengths alike stays unseen: above all
-    a wrong baseline where no other length was measured, which the check of the scale says.
+    Notes ----- No check compares with a reference sensor, so an error of all cameras, points and lengths alike stays
+    unseen: above all a wrong baseline where no other length was measured, of which the check of the scale warns.
     """
-    found = (_look(name, inputs) for name in part_names("checks"))
+    found = (_run_check(name, inputs) for name in part_names("checks"))
     return Audit(tuple(check for check in found if check is not None))
 
 
-def _look(name: str, inputs: AuditInputs) -> AuditCheck | None:
-    """What a check says; ``None`` where it does not apply. Another package's that fails is a check not possible."""
+def _run_check(name: str, inputs: AuditInputs) -> AuditCheck | None:
+    """Result of a check; ``None`` where it does not apply. A failing check of another package is one not possible."""
     try:
         part = find("checks", name)
     except BackendUnavailableError as error:
-        return _not_possible(name, str(error))
+        return _make_not_possible(name, str(error))
     if not part.distribution:
         check: AuditCheck | None = part.load()(inputs)
         return check
@@ -40,11 +38,13 @@ def _look(name: str, inputs: AuditInputs) -> AuditCheck | None:
     try:
         answer = part.load()(inputs)
     except Exception as error:  # noqa: BLE001
-        return _not_possible(name, f"the check of {part.distribution} failed: {type(error).__name__}: {error}")
+        return _make_not_possible(name, f"the check of {part.distribution} failed: {type(error).__name__}: {error}")
     if answer is not None and not isinstance(answer, AuditCheck):
-        return _not_possible(name, f"expected the check of {part.distribution} to be an AuditCheck, got {answer!r:.60}")
+        return _make_not_possible(
+            name, f"expected the check of {part.distribution} to be an AuditCheck, got {answer!r:.60}"
+        )
     return answer
 
 
-def _not_possible(name: str, sentence: str) -> AuditCheck:
+def _make_not_possible(name: str, sentence: str) -> AuditCheck:
     return AuditCheck(name, Outcome.NOT_POSSIBLE, nan, nan, "1", " ".join(sentence.split()))

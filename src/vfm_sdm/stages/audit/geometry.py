@@ -1,4 +1,4 @@
-"""Checks of cameras and scale: what was measured on site against the adjustment, and the views against each other."""
+"""Checks of cameras and scale: measurements on site against the adjustment, and the views against each other."""
 
 from dataclasses import replace
 
@@ -14,13 +14,13 @@ from vfm_sdm.stages.cameras.site import SiteQuantity
 __all__ = ["check_agreement", "check_baseline", "check_epipolar_level", "check_epipolar_motion", "check_site"]
 
 _LEAST_REDUNDANCY = 0.01
-"""Share of a quantity's variance that the other data take away; with less there is nothing to compare it with."""
+"""Share of a quantity's variance that the other data take away, below which there is nothing to compare it with."""
 _W_CAUTION, _W_FAIL = 4.0, 6.0
 """Standardised differences; by chance one of 15 quantities exceeds the first in one run of a thousand."""
 _DETECTABLE = 4.0
 """Error that is found in four of five cases by a test that false alarms pass in 1 of 1000, in standard deviations."""
 _BLIND = 0.05
-"""An error of the baseline that may stay unseen beyond this is worth a sentence [1]."""
+"""Relative error of the baseline that may stay unseen without a warning [1]."""
 _LEVEL_CAUTION, _LEVEL_FAIL = 1e-3, 4e-3
 """Distance from the epipolar lines, as shares of the image's width."""
 _RATIO_CAUTION, _RATIO_FAIL = 0.1, 0.3
@@ -30,21 +30,26 @@ _BASELINE = "baseline"
 
 
 def check_site(inputs: AuditInputs) -> AuditCheck:
-    """Every prior and reading on site against what all the others say of it.
+    """Every prior and reading on site against its value from all the others.
 
     Notes
     -----
-    Baarda's w-test: the adjusted value differs from the reading by an amount whose variance is that of the reading
-    less that of the adjusted value. The figure is the largest of these standardised differences.
+    This is Baarda's w-test [1]_: the adjusted value differs from the reading by an amount whose variance is that of the
+    reading less that of the adjusted value. The value of the check is the largest of these standardised differences.
 
-    A status that the camera estimator gave is a caution by itself: what contradicted before the adjustment need not
-    show after it.
+    A status that the camera estimator gave is a caution by itself: a contradiction before the adjustment need not show
+    after it.
+
+    References
+    ----------
+    .. [1] Baarda, W. (1968). A testing procedure for use in geodetic networks. Netherlands Geodetic Commission,
+       Publications on Geodesy 2(5).
     """
     name, cameras = "site and lenses", inputs.cameras
-    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE):
+    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE, CameraStatus.UNKNOWN_DISTANCE):
         sentence = f"{cameras.status}: the displacement has no usable scale"
         return AuditCheck(name, Outcome.FAIL, float("nan"), _W_CAUTION, "std", sentence)
-    tested = {q.name: _standardised(q) for q in cameras.quantities if _redundancy(q) > _LEAST_REDUNDANCY}
+    tested = {q.name: _standardise(q) for q in cameras.quantities if _compute_redundancy(q) > _LEAST_REDUNDANCY}
     judged = judge(
         name,
         tested,
@@ -60,12 +65,12 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_baseline(inputs: AuditInputs) -> AuditCheck:
-    """How far the baseline could be misread before the other lengths would show it."""
+    """Relative error of the baseline that the other lengths would just show [1]."""
     name = "scale by a spare length"
     for quantity in inputs.cameras.quantities:
         if quantity.name != _BASELINE:
             continue
-        redundancy = _redundancy(quantity)
+        redundancy = _compute_redundancy(quantity)
         if redundancy > 1e-6:
             detectable = _DETECTABLE * quantity.prior_std / np.sqrt(redundancy) / quantity.prior
             if detectable <= _BLIND:
@@ -81,9 +86,11 @@ def check_baseline(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_epipolar_level(inputs: AuditInputs) -> AuditCheck:
-    """Distance of the moving points from the epipolar geometry, median over time: wrong point, wrong camera."""
+    """Distance of the moving points from the epipolar lines, median over time [px]: wrong point, wrong camera."""
     name = "epipolar error"
-    level = {p: float(np.nanmedian(np.abs(e))) for p, e in _epipolar(inputs).items() if np.isfinite(e).any()}
+    level = {
+        p: float(np.nanmedian(np.abs(e))) for p, e in _compute_epipolar_errors(inputs).items() if np.isfinite(e).any()
+    }
     width = float(min(camera.image_size[0] for camera in inputs.cameras.rig.cameras)) if inputs.cameras.rig else 1.0
     return judge(
         name,
@@ -97,13 +104,13 @@ def check_epipolar_level(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
-    """Motion of the epipolar error over time, as a share of the motion in the picture."""
+    """Motion of the epipolar error over time, as a share of the motion in the picture [1]."""
     motion = np.fmin.reduce([inputs.motion_px(str(v)) for v in inputs.aligned["view"].values])
     found = {}
-    for number, (point, error) in enumerate(_epipolar(inputs).items()):
+    for number, (point, error) in enumerate(_compute_epipolar_errors(inputs).items()):
         known = np.isfinite(error)
         if known.sum() > 2 and motion[number] > 0:
-            excess = float(np.var(error[known])) - NOISE_TRUST**2 * _epipolar_variance(inputs, point)
+            excess = float(np.var(error[known])) - NOISE_TRUST**2 * _compute_epipolar_variance(inputs, point)
             found[point] = float(np.sqrt(max(excess, 0.0)) / motion[number])
     return judge(
         "epipolar error in motion",
@@ -117,7 +124,7 @@ def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_agreement(inputs: AuditInputs) -> AuditCheck:
-    """Vertical motion from each view alone: how much more one of them shows."""
+    """Difference of the vertical motion that each view alone shows [1]."""
     name = "left and right"
     found = inputs.displacement["gain_difference"].sel(point=inputs.moving).values
     known = {p: abs(float(g)) for p, g in zip(inputs.moving, found, strict=True) if np.isfinite(g)}
@@ -132,16 +139,16 @@ def check_agreement(inputs: AuditInputs) -> AuditCheck:
     )
 
 
-def _standardised(quantity: SiteQuantity) -> float:
-    return float(abs(quantity.value - quantity.prior) / (quantity.prior_std * np.sqrt(_redundancy(quantity))))
+def _standardise(quantity: SiteQuantity) -> float:
+    return float(abs(quantity.value - quantity.prior) / (quantity.prior_std * np.sqrt(_compute_redundancy(quantity))))
 
 
-def _redundancy(quantity: SiteQuantity) -> float:
+def _compute_redundancy(quantity: SiteQuantity) -> float:
     """Share of the prior's variance that the other data took away, 0 to 1."""
     return max(0.0, 1.0 - float(quantity.std / quantity.prior_std) ** 2) if quantity.prior_std > 0 else 0.0
 
 
-def _epipolar(inputs: AuditInputs) -> dict[str, FloatArray]:
+def _compute_epipolar_errors(inputs: AuditInputs) -> dict[str, FloatArray]:
     """Epipolar error of the moving points, worst of the further views, shape (T,) each [px]."""
     rig = inputs.cameras.rig
     if rig is None:
@@ -159,7 +166,7 @@ def _epipolar(inputs: AuditInputs) -> dict[str, FloatArray]:
     }
 
 
-def _epipolar_variance(inputs: AuditInputs, point: str) -> float:
+def _compute_epipolar_variance(inputs: AuditInputs, point: str) -> float:
     """Mean variance of a point's epipolar error from its tracks' covariances [px2]."""
     covariance = inputs.aligned.sel(point=point)["position_covariance"].values
     known = np.isfinite(covariance).all(axis=(0, 2, 3))

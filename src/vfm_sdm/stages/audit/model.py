@@ -1,4 +1,4 @@
-"""What an audit says: checks, each with a figure and a sentence, and the verdict that they add up to."""
+"""Results of an audit: checks, each with a value and a sentence, and the verdict that follows from them."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -16,31 +16,33 @@ from vfm_sdm.stages.cameras.solution import CameraSolution
 __all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "judge"]
 
 NOISE_TRUST = 1.5
-"""Stated noise may be too small by this factor before it counts as motion."""
+"""Factor by which stated noise may be too small before what is left counts as motion [1]."""
 
 
 @dataclass(frozen=True)
 class AuditCheck:
-    """One check.
+    """Result of one check.
 
     Parameters
     ----------
     name
-        What was looked at.
+        Name of what was checked.
     outcome
-        How it ended.
-    figure, limit, units
-        What was found, from where on it is a caution, and in what; NaN where there is none. Shares and ratios have the
-        unit ``1``.
+        Outcome of the check.
+    value, limit, units
+        Value that was found, limit from which on it is a caution, and the units of both; NaN where there is none.
+        Shares and ratios have the unit ``1``.
     sentence
-        What it means, for someone on a river bank.
+        Meaning of the outcome, in words for someone on site.
     where
-        The view, point or quantity with the worst figure.
+        The view, point or quantity with the worst value.
+    larger_is_better
+        Whether the value has to stay above the limit instead of below it.
     """
 
     name: str
     outcome: Outcome
-    figure: float
+    value: float
     limit: float
     units: str
     sentence: str
@@ -48,9 +50,9 @@ class AuditCheck:
     larger_is_better: bool = False
 
     @property
-    def load(self) -> float:
-        """The figure over its limit, or the limit over it where larger is better: 1 at the limit, NaN where unknown."""
-        above, below = (self.limit, self.figure) if self.larger_is_better else (self.figure, self.limit)
+    def share_of_limit(self) -> float:
+        """The value over its limit, or the limit over the value where larger is better; NaN where unknown [1]."""
+        above, below = (self.limit, self.value) if self.larger_is_better else (self.value, self.limit)
         if not (np.isfinite(above) and np.isfinite(below)):
             return float("nan")
         return float(above / below) if below > 0 else (float("inf") if above > 0 else 0.0)
@@ -58,13 +60,20 @@ class AuditCheck:
 
 @dataclass(frozen=True)
 class Audit:
-    """All checks of one measurement and their verdict: refused by one that failed, care for any caution."""
+    """All checks of one measurement and their verdict: refused by one that failed, care for any caution.
+
+    Examples
+    --------
+    >>> check = AuditCheck("drift", Outcome.CAUTION, 0.2, 0.1, "px", "view right drifts")
+    >>> str(Audit((check,)).verdict)
+    'use with care'
+    """
 
     checks: tuple[AuditCheck, ...]
 
     @property
     def verdict(self) -> Verdict:
-        """What the checks add up to."""
+        """Verdict that follows from the checks."""
         outcomes = {check.outcome for check in self.checks}
         if Outcome.FAIL in outcomes:
             return Verdict.REFUSED
@@ -78,8 +87,12 @@ class Audit:
         )
 
     def as_table(self) -> dict[str, Any]:
-        """The same as plain tables, for ``summary.json``."""
-        return {"verdict": str(self.verdict), "checks": [{**asdict(c), "outcome": str(c.outcome)} for c in self.checks]}
+        """Checks and verdict as plain tables, for ``summary.json``, where the value of a check is its ``figure``."""
+        rows = []
+        for check in self.checks:
+            row = {"figure" if name == "value" else name: value for name, value in asdict(check).items()}
+            rows.append({**row, "outcome": str(check.outcome)})
+        return {"verdict": str(self.verdict), "checks": rows}
 
     def __getitem__(self, name: str) -> AuditCheck:
         """The check of this name."""
@@ -88,27 +101,28 @@ class Audit:
 
 @dataclass(frozen=True, eq=False)
 class AuditInputs:
-    """A measurement, as its stages left it.
+    """Products of a measurement that the checks read.
 
     Parameters
     ----------
     session
-        What was measured on site, and how.
+        The measurement on site and its settings.
     cameras
         Cameras, axes and the adjustment to the site.
     tracks
-        By view, each on its own clock.
+        Tracks by view, shape (T, P, 2) [px], each on its own clock.
     aligned
-        The same on one clock, with a dim ``view``, without the motion of the cameras as far as it was removed; before
-        any refinement.
+        Tracks on one clock, with a dim ``view``, shape (V, T, P, 2) [px], without the motion of the cameras as far as
+        it was removed; before any refinement.
     displacement
-        The result, with its budget.
+        The result, shape (T, P, 3) [mm], with its uncertainty budget.
     unrefined
-        Displacement as the images alone give it; the same as ``displacement`` where nothing was refined.
+        Displacement as the images alone give it, shape (T, P, 3) [mm]; equal to ``displacement`` where nothing was
+        refined.
     camera_motion
         Motion of the cameras by view; empty where it was not looked for.
     frames
-        First frame of every view; without, nothing that needs images is checked.
+        First frame of every view, shape (H, W); without them, nothing that needs images is checked.
     """
 
     session: Session
@@ -134,9 +148,17 @@ class AuditInputs:
         return [name for name in named if name in seen]
 
     def motion_px(self, view: str) -> FloatArray:
-        """Motion of the structure's points in a view without the stated noise, root mean square, shape (points,) [px].
+        """Root mean square motion of the structure's P points in a view, without the stated noise, shape (P,) [px].
 
-        NaN where a point was not tracked.
+        Parameters
+        ----------
+        view
+            Name of the view.
+
+        Returns
+        -------
+        motion_px
+            NaN where a point was not tracked.
         """
         chosen = self.aligned.sel(view=view, point=self.moving)
         with np.errstate(invalid="ignore"):
@@ -148,21 +170,32 @@ class AuditInputs:
 def judge(
     name: str, found: Mapping[str, float], *, caution: float, fail: float, units: str, good: str, bad: str
 ) -> AuditCheck:
-    """A check of figures that should be small, by the largest of them.
+    """A check of values that should be small, by the largest of them.
 
     Parameters
     ----------
+    name
+        Name of the check.
     found
-        Figures by what they belong to; those that are NaN do not count. Without any the check is not possible.
+        Values by what they belong to; those that are NaN do not count. Without any the check is not possible.
     caution, fail
-        From where on.
+        Limits from which on the check is a caution, and from which on it fails.
+    units
+        Units of the values and limits, such as ``px`` or ``s``.
     good, bad
-        The sentence for a check that passed, and for one that did not, with ``{}`` for what has the largest figure.
+        Sentence for a check that passed, and for one that did not, with ``{}`` for what has the largest value.
+
+    Examples
+    --------
+    >>> limits = {"caution": 0.1, "fail": 0.5, "units": "px"}
+    >>> check = judge("drift", {"left": 0.02, "right": 0.2}, **limits, good="still", bad="view {} drifts")
+    >>> str(check.outcome), check.where, round(check.share_of_limit, 3), check.sentence
+    ('caution', 'right', 2.0, 'view right drifts')
     """
-    known = {where: figure for where, figure in found.items() if np.isfinite(figure)}
+    known = {where: value for where, value in found.items() if np.isfinite(value)}
     if not known:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), caution, units, "nothing to look at")
-    where, figure = max(known.items(), key=lambda pair: pair[1])
-    outcome = Outcome.FAIL if figure >= fail else Outcome.CAUTION if figure >= caution else Outcome.PASS
+    where, value = max(known.items(), key=lambda pair: pair[1])
+    outcome = Outcome.FAIL if value >= fail else Outcome.CAUTION if value >= caution else Outcome.PASS
     sentence = good if outcome == Outcome.PASS else bad.replace("{}", where)
-    return AuditCheck(name, outcome, float(figure), caution, units, sentence, where)
+    return AuditCheck(name, outcome, float(value), caution, units, sentence, where)

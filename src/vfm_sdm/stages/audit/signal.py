@@ -16,7 +16,8 @@ __all__ = ["check_gain", "check_recording", "check_refinement", "check_signal"]
 
 _SNR_CAUTION, _SNR_FAIL = 3.0, 1.0
 _SHIFTS_PX = ((0.11, -0.07), (0.23, 0.19), (-0.31, 0.37), (0.5, -0.5), (-0.43, 0.29))
-"""Small, as the motion of structures is, and spread over the fractions of a pixel, where interpolation errs."""
+"""Injected shifts [px]: small, as the motion of structures is, and spread over the fractions of a pixel, where
+interpolation errs."""
 _MARGIN_PX = 12
 _FINE = 16
 _GAIN = "gain of injected shifts"
@@ -25,7 +26,7 @@ _DROPPED_CAUTION, _DROPPED_FAIL = 1e-9, 0.1
 
 
 def check_signal(inputs: AuditInputs) -> AuditCheck:
-    """Motion over its own noise, of the axis that shows least: root mean squares, without what the noise explains."""
+    """Root mean square motion [mm] over its noise, of the axis that shows least, beyond what the noise explains [1]."""
     name, data = "signal to noise", inputs.displacement
     suppressed = inputs.session.method.sgr.suppressed_axis if inputs.session.method.refinement == "sgr" else ""
     ratios: dict[str, float] = {}
@@ -53,14 +54,13 @@ def check_signal(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_gain(inputs: AuditInputs) -> AuditCheck:
-    """Shifts of parts of a pixel put into the first frames, and how much of them the registration finds.
+    """Error of the registration's gain for shifts of parts of a pixel that are put into the first frames [1].
 
-    Notes
-    -----
-    The shifted picture gets noise of its own, as much as the frame seems to have: what draws the gain of a weak texture
-    towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera would see them.
+    Notes ----- The shifted picture gets noise of its own, as much as the frame seems to have, because noise draws the
+    gain of a weak texture towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera
+    would see them.
 
-    What registration finds says nothing of a network that follows points by itself; its gain is unknown.
+    The gain of registration says nothing of a network that follows points by itself; its gain is unknown.
     """
     alone = [view for view, t in inputs.tracks.items() if "weights" in t.attrs and "disagreement" not in t]
     if alone:
@@ -73,7 +73,7 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
     for view, image in inputs.frames.items():
         for point in inputs.moving:
             u, v = inputs.cameras.points["position"].sel(view=view, point=point).values
-            gain = _injected_gain(image, (float(u), float(v)), inputs.session.method.subset_px)
+            gain = _measure_gain(image, (float(u), float(v)), inputs.session.method.subset_px)
             if np.isfinite(gain):
                 found[f"{point} in {view}"] = abs(gain - 1)
     return judge(
@@ -88,7 +88,7 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_recording(inputs: AuditInputs) -> AuditCheck:
-    """Share of frames that the recordings lack or repeat, and whether they end early."""
+    """Share of frames that the recordings lack or repeat [1], and whether they end early."""
     name = "recordings"
     records = {view: t.attrs["recording"] for view, t in inputs.tracks.items() if "recording" in t.attrs}
     damaged = [
@@ -112,7 +112,7 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
-    """Share of points that could not be refined as asked; ``None`` where nothing was asked."""
+    """Share of points that could not be refined [1]; ``None`` where no refinement was asked for."""
     name = "refinement"
     if inputs.session.method.refinement == "none":
         return None
@@ -127,7 +127,7 @@ def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
     if refused:
         point, status = next(iter(refused.items()))
         return AuditCheck(name, Outcome.CAUTION, share, 0.0, "1", f"point {point!r} was not refined: {status}", point)
-    heaviest = max(_assumed(inputs), key=lambda pair: pair[1], default=("", 0.0))
+    heaviest = max(_weigh_assumptions(inputs), key=lambda pair: pair[1], default=("", 0.0))
     sentence = "every point was refined"
     if heaviest[1] > 1:
         sentence += (
@@ -137,8 +137,8 @@ def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
     return AuditCheck(name, Outcome.PASS, share, 0.0, "1", sentence, heaviest[0])
 
 
-def _assumed(inputs: AuditInputs) -> Iterator[tuple[str, float]]:
-    """By axis and point, the assumption's part of the uncertainty over the random part."""
+def _weigh_assumptions(inputs: AuditInputs) -> Iterator[tuple[str, float]]:
+    """The assumption's part of the uncertainty over the random part [1], with its axis and point."""
     data = inputs.displacement.sel(point=inputs.moving)
     suppressed = inputs.session.method.sgr.suppressed_axis
     rms = np.sqrt(np.nan_to_num(data["uncertainty"].values ** 2).mean(axis=1))
@@ -149,7 +149,7 @@ def _assumed(inputs: AuditInputs) -> Iterator[tuple[str, float]]:
                 yield f"{axis} of {point}", float(assumption[row, column] / random[row, column])
 
 
-def _injected_gain(image: LumaArray, place: tuple[float, float], subset_px: int) -> float:
+def _measure_gain(image: LumaArray, place: tuple[float, float], subset_px: int) -> float:
     """Slope of found over injected shifts at a point: 0 where none is found, NaN where the subset leaves the image."""
     half = subset_px // 2 + _MARGIN_PX
     if not np.isfinite(place).all():
@@ -160,7 +160,7 @@ def _injected_gain(image: LumaArray, place: tuple[float, float], subset_px: int)
     patch = image[v - half : v + half + 1, u - half : u + half + 1]
     center = np.array([[half + place[0] - u, half + place[1] - v]])
     grey, rng = patch.astype(np.float64), np.random.default_rng(0)
-    noise = _noise_level(grey)
+    noise = _estimate_noise(grey)
     injected, found = [], []
     for du, dv in _SHIFTS_PX:
         moved = shift_image(grey, (dv, du), order=5, mode="reflect") + rng.normal(0, noise, grey.shape)
@@ -176,8 +176,13 @@ def _injected_gain(image: LumaArray, place: tuple[float, float], subset_px: int)
     return float(a @ b / (a @ a))
 
 
-def _noise_level(image: FloatArray) -> float:
-    """Standard deviation of the noise in a picture, from what neither planes nor edges leave (Immerkaer 1996)."""
+def _estimate_noise(image: FloatArray) -> float:
+    """Standard deviation of the noise in a picture, from a difference that planes and edges hardly touch.
+
+    References
+    ----------
+    .. [1] Immerkaer, J. (1996). Fast noise variance estimation. Computer Vision and Image Understanding 64(2), 300-302.
+    """
     bent = image[:-2] - 2 * image[1:-1] + image[2:]
     twice = bent[:, :-2] - 2 * bent[:, 1:-1] + bent[:, 2:]
     return float(np.sqrt(np.pi / 2) * np.mean(np.abs(twice)) / 6)

@@ -31,7 +31,7 @@ _BLOCKS = 8
 _SIGNIFICANT = 5.0
 _SLIP_CAUTION, _SLIP_FAIL = 0.1, 0.3
 _STILL_CAUTION, _STILL_FAIL = 0.1, 0.5
-"""Motion of what must not move, as shares of the structure's."""
+"""Limits of the motion of what must not move, as shares of the structure's motion [1]."""
 _FOLLOWS_CAUTION, _FOLLOWS_FAIL = 0.1, 0.2
 _FOLLOWS_CORRELATION = 0.7
 _HALVES_CAUTION, _HALVES_FAIL = 0.1, 0.3
@@ -42,7 +42,7 @@ _NO_STATIC = (
 
 
 def check_tracked(inputs: AuditInputs) -> AuditCheck:
-    """Share of samples without a trusted displacement, of the worst moving point."""
+    """Share of samples without a trusted displacement, of the worst moving point [1]."""
     status = inputs.displacement.sel(point=inputs.moving)["status"].values
     return judge(
         "samples missing",
@@ -56,15 +56,15 @@ def check_tracked(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_frozen(inputs: AuditInputs) -> AuditCheck:
-    """Share of frames in which a position does not change at all while another view shows that the point moves."""
+    """Share of frames in which a position does not change while another view shows that the point moves [1]."""
     views = [str(view) for view in inputs.aligned["view"].values]
     found = {}
     for point in inputs.moving:
-        moved = [_moves(inputs.aligned.sel(view=view, point=point)) for view in views]
+        moved = [_find_moving(inputs.aligned.sel(view=view, point=point)) for view in views]
         for number, view in enumerate(views):
             others = [m for n, m in enumerate(moved) if n != number]
             if others:
-                still = _unchanged(inputs.tracks[view].sel(point=point))
+                still = _find_unchanged(inputs.tracks[view].sel(point=point))
                 # On the view's own clock; a share needs no common one.
                 both = np.zeros(len(still), np.bool_)
                 both[: len(others[0])] = still[: len(others[0])] & np.any(others, axis=0)[: len(still)]
@@ -81,13 +81,13 @@ def check_frozen(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_slip(inputs: AuditInputs) -> AuditCheck:
-    """Drift along the structure, or across the epipolar lines, of a single point, as a share of its vertical motion.
+    """Drift along the structure, or across the epipolar lines, of one point, as a share of its vertical motion [1].
 
     Notes
     -----
     A subset that slides over a texture moves a point where structures do not: along the structure (a slip along the
     epipolar line) or apart in the two views (a slip across it). Means over eighths of the recording are compared; drift
-    within their noise counts as none, and what all points share is no slip.
+    within their noise counts as none, and drift that all points share is no slip.
     """
     drifts, scale = {}, {}
     data = inputs.unrefined
@@ -100,7 +100,7 @@ def check_slip(inputs: AuditInputs) -> AuditCheck:
             continue
         scale[point] = float(np.ptp(one["displacement"].sel(axis=vertical[0]).values[ok]))
         along = one.sel(axis=suspicious[0])
-        drifts[point] = _block_means(along["displacement"].values, along["displacement_std"].values, ok)
+        drifts[point] = _compute_block_means(along["displacement"].values, along["displacement_std"].values, ok)
     found = {}
     for point, (means, noise) in drifts.items():
         others = [m for p, (m, _) in drifts.items() if p != point]
@@ -119,13 +119,15 @@ def check_slip(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_static_points(inputs: AuditInputs) -> AuditCheck:
-    """Displacement of points that must not move, beyond their noise, as a share of the structure's."""
+    """Displacement of points that must not move, beyond their noise, as a share of the structure's [1]."""
     name = "static points"
     if not inputs.static:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _STILL_CAUTION, "1", _NO_STATIC)
     axes = [str(a) for a in inputs.unrefined["axis"].values][:2]
-    moving = max((_excess(inputs.unrefined.sel(point=p, axis=axes)) for p in inputs.moving), default=float("nan"))
-    found = {p: _excess(inputs.unrefined.sel(point=p, axis=axes)) / moving for p in inputs.static if moving > 0}
+    moving = max(
+        (_compute_excess(inputs.unrefined.sel(point=p, axis=axes)) for p in inputs.moving), default=float("nan")
+    )
+    found = {p: _compute_excess(inputs.unrefined.sel(point=p, axis=axes)) / moving for p in inputs.static if moving > 0}
     return judge(
         name,
         found,
@@ -138,9 +140,10 @@ def check_static_points(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
-    """Motion in the picture that a view's static points have in common, as a share of the structure's.
+    """Motion in the picture [px] that a view's static points have in common, as a share of the structure's [1].
 
-    What was removed with the static points' help counts by what the removal left, and is a caution in any case.
+    Motion that was removed with the help of the static points counts by the part that is left, and is a caution in any
+    case.
     """
     name = "tripods"
     if not inputs.static:
@@ -148,7 +151,7 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
     left, removed = {}, {}
     for view, tracks in inputs.tracks.items():
         structure = float(np.fmax.reduce(inputs.motion_px(view), initial=0.0))
-        common, noise = _common_static(tracks, inputs.static)
+        common, noise = _compute_common_motion(tracks, inputs.static)
         if not (structure > 0 and len(common)):
             continue
         moved = float(np.sqrt(max(float(common.var(axis=0).sum()) - (NOISE_TRUST * noise) ** 2, 0.0)) / structure)
@@ -174,22 +177,22 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
         f"camera {view!r} moved: {motion.rms_before_px:.2f} px (rms) were removed with the help of "
         f"{len(motion.static)} static points, {motion.rms_after_px:.2f} px are left"
     )
-    return AuditCheck(name, Outcome.CAUTION, check.figure, _STILL_CAUTION, "1", sentence, view)
+    return AuditCheck(name, Outcome.CAUTION, check.value, _STILL_CAUTION, "1", sentence, view)
 
 
 def check_stabilization(inputs: AuditInputs) -> AuditCheck:
-    """How much of the structure's motion a view's static points show, where the two go together."""
+    """Share of the structure's motion [px] that a view's static points show, where the two go together [1]."""
     name = "stabilised video"
     if not inputs.static:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _FOLLOWS_CAUTION, "1", _NO_STATIC)
     found = {}
     for view, tracks in inputs.tracks.items():
         motion = inputs.motion_px(view)
-        common, _ = _common_static(tracks, inputs.static)
+        common, _ = _compute_common_motion(tracks, inputs.static)
         if not len(common) or not np.fmax.reduce(motion, initial=0.0) > 0:
             continue
         point = inputs.moving[int(np.nanargmax(motion))]
-        structure = _centred(tracks.sel(point=point)["position"].values)
+        structure = _centre(tracks.sel(point=point)["position"].values)
         known = np.isfinite(structure).all(axis=1) & np.isfinite(common).all(axis=1)
         a, b = structure[known].ravel(), common[known].ravel()
         if len(a) < 20 or not (a.std() > 0 and b.std() > 0):
@@ -208,13 +211,13 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
         bad="the picture of '{}' follows the structure: the camera stabilises. Switch it off and film again",
     )
     following = [view for view, share in found.items() if share >= _FOLLOWS_CAUTION]
-    if check.outcome == Outcome.FAIL and all(_taken_out(inputs, view) for view in following):
+    if check.outcome == Outcome.FAIL and all(_is_taken_out(inputs, view) for view in following):
         sentence = f"{check.where!r} stabilises its picture; the static points took it out, but switch it off next time"
         return replace(check, outcome=Outcome.CAUTION, sentence=sentence)
     return check
 
 
-def _taken_out(inputs: AuditInputs, view: str) -> bool:
+def _is_taken_out(inputs: AuditInputs, view: str) -> bool:
     """Whether the static points removed a view's motion, and hardly any of it is left in them."""
     motion = inputs.camera_motion.get(view)
     if motion is None or not motion.applied or not np.isfinite(motion.rms_after_px):
@@ -223,7 +226,7 @@ def _taken_out(inputs: AuditInputs, view: str) -> bool:
 
 
 def check_halves(inputs: AuditInputs) -> AuditCheck:
-    """Motion of one half of a subset against the other's, beyond its noise, as a share of the motion in the picture."""
+    """Motion of one half of a subset against the other, beyond its noise, as a share of the picture's motion [1]."""
     name, found = "halves of a subset", {}
     for view, tracks in inputs.tracks.items():
         if "half_difference" not in tracks:
@@ -235,7 +238,7 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
             known = np.isfinite(apart).all(axis=1)
             if known.sum() > 10 and motion[number] > 0:
                 # Both halves have twice the standard deviation of the whole each.
-                noise = 8.0 * NOISE_TRUST**2 * float(_noise(one))
+                noise = 8.0 * NOISE_TRUST**2 * float(_compute_noise(one))
                 excess = max(float(apart[known].var(axis=0).sum()) - noise, 0.0)
                 found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
     return judge(
@@ -249,7 +252,7 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
     )
 
 
-def _unchanged(track: xr.Dataset) -> BoolArray:
+def _find_unchanged(track: xr.Dataset) -> BoolArray:
     """Frames of runs in which a position does not change at all."""
     position, time_s = track["position"].values, track["time"].values
     step = np.abs(np.diff(position, axis=0)).max(axis=1)
@@ -260,7 +263,7 @@ def _unchanged(track: xr.Dataset) -> BoolArray:
     return still
 
 
-def _moves(track: xr.Dataset) -> BoolArray:
+def _find_moving(track: xr.Dataset) -> BoolArray:
     """Frames about which, within `_FROZEN_S`, a position changes by more than its noise."""
     position, time_s = track["position"].values, track["time"].values
     half = max(1, round(_FROZEN_S / max(float(np.median(np.diff(time_s))), 1e-6) / 2))
@@ -268,30 +271,31 @@ def _moves(track: xr.Dataset) -> BoolArray:
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
     with np.errstate(invalid="ignore"):
         span = np.linalg.norm(windows.max(axis=-1) - windows.min(axis=-1), axis=-1)
-        return np.asarray(span > _MOVED_STD * np.sqrt(_noise(track)))
+        return np.asarray(span > _MOVED_STD * np.sqrt(_compute_noise(track)))
 
 
-def _noise(track: xr.Dataset) -> float:
+def _compute_noise(track: xr.Dataset) -> float:
     """Mean stated variance of a track, u and v together [px2]."""
     return float(mean_of_known(np.einsum("tii->t", track["position_covariance"].values)))
 
 
-def _centred(position: FloatArray) -> FloatArray:
+def _centre(position: FloatArray) -> FloatArray:
+    """Positions less their mean over time, shape (T, 2) [px]."""
     return np.asarray(position - mean_of_known(position))
 
 
-def _common_static(tracks: xr.Dataset, static: list[str]) -> tuple[FloatArray, float]:
+def _compute_common_motion(tracks: xr.Dataset, static: list[str]) -> tuple[FloatArray, float]:
     """Mean motion of a view's static points, shape (T, 2) [px], and its noise, u and v together [px]."""
     chosen = tracks.sel(point=static)
     known = np.isfinite(chosen["position"].values).all(axis=(1, 2))
     if known.sum() < 10:
         return np.empty((0, 2)), float("nan")
     centred = chosen["position"].values - np.nanmean(chosen["position"].values[known], axis=0)
-    variances = [_noise(chosen.sel(point=point)) for point in static]
+    variances = [_compute_noise(chosen.sel(point=point)) for point in static]
     return np.asarray(centred.mean(axis=1)), float(np.sqrt(np.sum(variances)) / len(variances))
 
 
-def _block_means(values: FloatArray, std: FloatArray, ok: BoolArray) -> tuple[FloatArray, float]:
+def _compute_block_means(values: FloatArray, std: FloatArray, ok: BoolArray) -> tuple[FloatArray, float]:
     """Means over parts of a series, and the standard deviation of one."""
     blocks = np.array_split(np.flatnonzero(ok), _BLOCKS)
     noise = float(np.sqrt(np.mean(std[ok] ** 2) / min(len(block) for block in blocks)))
@@ -300,7 +304,7 @@ def _block_means(values: FloatArray, std: FloatArray, ok: BoolArray) -> tuple[Fl
     return np.array([values[block].mean() for block in blocks]), max(noise, spread)
 
 
-def _excess(series: xr.Dataset) -> float:
+def _compute_excess(series: xr.Dataset) -> float:
     """Root mean square motion over both axes beyond the stated noise [mm]."""
     ok = series["status"].values == Status.OK
     if ok.sum() < 10:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.geometry.distortion import distort_derivative
 
@@ -131,7 +131,7 @@ def estimate_motion(position: FloatArray, covariance: FloatArray, jacobian: Floa
     seen = np.asarray(np.isfinite(position).all(axis=-1))
     stated = _replace_doubtful(covariance, seen)
     slope = jacobian * np.repeat([1.0, LEVER_ARM_M], 3)
-    rest = _masked_mean(position, seen)
+    rest = mean_of_known(position, seen[..., None])
     factor, last = 1.0, -1.0
     for _ in range(_ROUNDS):
         weight = np.where(seen[..., None, None], np.linalg.inv(factor * stated + _LEAST_STD_PX**2 * np.eye(2)), 0.0)
@@ -168,16 +168,9 @@ def _replace_doubtful(covariance: FloatArray, seen: BoolArray) -> FloatArray:
     """Covariances, shape (T, S, 2, 2) [px2]; the mean of the point where a frame states next to nothing or nothing."""
     known = seen & np.isfinite(covariance).all(axis=(2, 3))
     trace = np.trace(covariance, axis1=2, axis2=3)
-    usual = _masked_mean(trace[..., None], known)[:, 0]
-    believed = known & (trace >= _SUSPICIOUS * usual)
-    mean = _masked_mean(covariance.reshape(*seen.shape, 4), believed).reshape(-1, 2, 2)
+    believed = known & (trace >= _SUSPICIOUS * mean_of_known(trace, known))
+    mean = np.nan_to_num(mean_of_known(covariance, believed[..., None, None]))
     return np.where(believed[..., None, None], covariance, mean)
-
-
-def _masked_mean(values: FloatArray, valid: BoolArray) -> FloatArray:
-    """Mean over time of the valid samples, (T, S, n) to (S, n); zero where there are none."""
-    total = np.where(valid[..., None], values, 0.0).sum(axis=0)
-    return np.asarray(total / np.maximum(valid.sum(axis=0), 1)[:, None])
 
 
 def _compute_posterior(normal: FloatArray, right: FloatArray, spread: float) -> tuple[FloatArray, FloatArray]:

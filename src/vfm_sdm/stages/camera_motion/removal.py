@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
-from vfm_sdm.core.datasets import Status, check_tracks
+from vfm_sdm.core.datasets import Status, check_tracks, trusted_values
 from vfm_sdm.core.statuses import CameraMotionStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Rig
@@ -144,7 +144,7 @@ def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Seq
     others: of the variance of their shifts beyond noise that is white in time, three quarters have to go.
     """
     names = _check_inputs(tracks, rig, static)
-    positions = {view: _select_trusted(tracks[view]) for view in rig.names}
+    positions = {view: trusted_values(tracks[view], "position") for view in rig.names}
     rest = np.stack([mean_of_known(positions[view]) for view in rig.names])
     points3d = triangulate(rest, rig)
     points3d = np.where(in_front_of_all(points3d, rig)[:, None], points3d, np.nan)
@@ -171,11 +171,6 @@ def _check_inputs(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[s
     if unknown or len(set(static)) != len(static):
         raise DatasetError(f"static points: expected distinct names of {names}, got {list(static)}; correct them")
     return names
-
-
-def _select_trusted(tracks: xr.Dataset) -> FloatArray:
-    """Positions of samples with the status ok, NaN elsewhere, shape (T, P, 2) [px]."""
-    return np.where((tracks["status"].values == Status.OK)[..., None], tracks["position"].values, np.nan)
 
 
 def _remove_from_view(

@@ -144,7 +144,7 @@ class _Workspace:
         Parameters
         ----------
         images
-            Luma of every view, shape (H, W), of any size in pixels.
+            Luma of every view, shape (H, W).
         """
         colmap = self._colmap
         for file, image in zip(self._images, images, strict=True):

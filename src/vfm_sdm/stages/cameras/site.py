@@ -18,16 +18,16 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Site
-from vfm_sdm.stages.cameras.site_problem import SiteProblem
+from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["SiteAdjustment", "SiteQuantity", "adjust_to_site"]
-
 
 _DISAGREEMENT_STD = 3.0
 _DETERMINED = 0.9
 """A quantity counts as determined by the data when its std fell below this share of its prior std."""
 _USABLE_FOCAL_STD = 0.1
+_USABLE_DISTANCE_STD = 0.1
 
 
 @dataclass(frozen=True)
@@ -229,8 +229,16 @@ def _verdict(
         f"{q.name}: known to {100 * q.std / q.value:.0f} % only; state the lens, or measure a range to a point"
         for q in unusable
     ]
+    unplaced = [q for q in quantities if q.name.startswith(DISTANCE) and q.std > _USABLE_DISTANCE_STD * q.value]
+    notes += [
+        f"{q.name}: known to {100 * q.std / q.value:.0f} % only; choose views that overlap more, so that three see the "
+        "same points"
+        for q in unplaced
+    ]
     if not converged:
         return CameraStatus.NOT_CONVERGED, tuple(notes)
     if unusable:
         return CameraStatus.NOT_IDENTIFIABLE, tuple(notes)
+    if unplaced:
+        return CameraStatus.UNKNOWN_DISTANCE, tuple(notes)
     return (CameraStatus.DISAGREE if disagreeing else CameraStatus.OK), tuple(notes)

@@ -79,7 +79,8 @@ def add_facts(
         With, on ``view``, ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``,
         ``camera_motion_before`` and ``camera_motion_after`` [px] (root mean square shift of the static points) and
         ``camera_motion_status``; and of a refinement ``refinement_correction`` (time, point) [px], and on ``point``
-        ``prior_share`` [1], ``refinement_status`` and ``refined_view``.
+        ``prior_share`` [1], ``refinement_status`` and ``refined_view``; of more than two views also
+        ``reference_views``, those that it was refined against.
     """
     facts = {name: aligned[name] for name in ("clock_offset", "clock_offset_std", "clock_rate", "clock_status")}
     displacement = displacement.assign(facts)
@@ -101,4 +102,7 @@ def add_facts(
             refinement_status=("point", np.array([str(status) for status in refinement.status], dtype=object)),
             refined_view=("point", np.array(views, dtype=object)),
         )
+        if displacement.sizes["view"] > 2:
+            others = [", ".join(names) for names in refinement.reference_views]
+            displacement = displacement.assign(reference_views=("point", np.array(others, dtype=object)))
     return displacement

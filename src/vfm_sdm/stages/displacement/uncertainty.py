@@ -1,7 +1,8 @@
 """Uncertainty of displacement in millimetres: a budget of named components a sample, in the spirit of the GUM."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -50,7 +51,7 @@ class BudgetInputs:
         Refined displacement from displacement as the images alone give it, shape (P, 3, 3) [1]; NaN where a point was
         not refined.
     gain_difference
-        By how much more one view shows of each point's motion than the other
+        By how much more one view shows of each point's motion than another
         (`vfm_sdm.stages.displacement.agreement.compute_gain_difference`), shape (P,) [1]; NaN where that is not known.
     """
 
@@ -99,10 +100,10 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
       than noise, all of that counts. What an offset of the clocks within its standard deviation explains of z is taken
       off first: it follows the velocity, while motion in a mode is in phase along all axes;
     - compression: `compression_gain_std` of the poorest view, times ``|d|``; at least half of what one view shows
-      more than the other, because noise takes bits too, and a dark view loses more than its size tells.
+      more than another, because noise takes bits too, and a dark view loses more than its size tells.
 
-    Components are taken as independent and add as squares. All but the first are systematic: they do not average out
-    over a series.
+    Of more than two views, J and C_a are those of the views that a sample comes from. Components are taken as
+    independent and add as squares. All but the first are systematic: they do not average out over a series.
     """
     check_displacement(displacement)
     tracks = check_tracks(inputs.tracks, synchronized=True)
@@ -111,8 +112,10 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     values = displacement["displacement"].values
     parts = {
         "random": displacement["displacement_std"].values,
-        "cameras": np.sqrt(
-            np.maximum(np.einsum("tpb,pabc,tpc->tpa", values, displacement["gain_covariance"].values, values), 0.0)
+        "cameras": _by_views(
+            displacement,
+            "gain_covariance",
+            lambda gains: np.sqrt(np.maximum(np.einsum("tpb,pabc,tpc->tpa", values, gains, values), 0.0)),
         ),
         "synchronization": _of_clocks(displacement, tracks, inputs.clock_std_s),
         "assumption": _of_assumption(displacement, tracks, inputs),
@@ -164,9 +167,35 @@ def _clock_patterns(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: M
         tau = clock_std_s.get(str(view), 0.0)
         if tau != 0:
             velocity = _velocity(tracks["position"].values[number], tracks["time"].values)
-            shift = np.einsum("pak,tpk->tpa", displacement["pixel_sensitivity"].values[:, :, number], velocity)
+            shift = _by_views(displacement, "pixel_sensitivity", partial(_of_motion, velocity, number))
             patterns[number] = tau * np.nan_to_num(shift)
     return patterns
+
+
+def _of_motion(motion: FloatArray, view: int, per_px: FloatArray) -> FloatArray:
+    """Motion in one view's picture (T, P, 2) by its part of a sensitivity (P, 3, V, 2), shape (T, P, 3)."""
+    return np.asarray(np.einsum("pak,tpk->tpa", per_px[:, :, view], motion))
+
+
+def _by_views(displacement: xr.Dataset, name: str, effect: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Effect of a variable on all samples, (T, P, 3), each by the value for the views that it comes from."""
+    if "seen_by" not in displacement:
+        return effect(displacement[name].values)
+    seen_by, of_sets = displacement["seen_by"].values, displacement[f"{name}_seen_by"].values
+    result = np.full(displacement["displacement"].shape, np.nan)
+    for number, value in enumerate(of_sets):
+        result = np.where((seen_by == number)[..., None], effect(value), result)
+    return result
+
+
+def _refined_samples(displacement: xr.Dataset, point: int) -> BoolArray:
+    """Samples of a refined point that the refinement moved: those that its refined view sees, shape (T,)."""
+    if "seen_by" not in displacement or "refined_view" not in displacement:
+        return np.ones(displacement.sizes["time"], dtype=np.bool_)
+    view = displacement["refined_view"].values[point]
+    holds = displacement["visibility_views"].sel(view=view).values > 0
+    seen_by = displacement["seen_by"].values[:, point]
+    return np.asarray(np.where(seen_by >= 0, holds[seen_by], False))
 
 
 def _velocity(position: FloatArray, time_s: FloatArray) -> FloatArray:
@@ -191,7 +220,8 @@ def _of_assumption(displacement: xr.Dataset, tracks: xr.Dataset, inputs: BudgetI
     for point in range(result.shape[1]):
         if np.isfinite(removed[point]).all():
             hidden = _hidden_motion(before.isel(point=point), axis, patterns[:, :, point])
-            result[:, point] = np.abs(removed[point, :, axis]) * hidden
+            moved = _refined_samples(displacement, point)[:, None]
+            result[:, point] = np.where(moved, np.abs(removed[point, :, axis]) * hidden, 0.0)
     return result
 
 

@@ -1,4 +1,4 @@
-"""What finds the same place in two views; `vfm_sdm.core.parts` lists both kinds."""
+"""Interfaces of the matchers, which find the same places in two views; `vfm_sdm.core.parts` lists both kinds."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -10,7 +10,7 @@ __all__ = ["FeatureMatcher", "PointMatcher"]
 
 
 class PointMatcher(Protocol):
-    """Says roughly where a named point lies in another view (``method.correspondence``)."""
+    """Tells roughly where a named point lies in another view (``method.correspondence``)."""
 
     def locate(self, first: RgbArray, second: RgbArray, points2d: FloatArray) -> FloatArray:
         """Where points of one view lie in another, shape (P, 2) [px]; NaN where they are not seen.
@@ -20,17 +20,17 @@ class PointMatcher(Protocol):
         first, second
             First frames of the two views in colour, shape (height, width, 3).
         points2d
-            In the first view, shape (P, 2) [px], full-image pixels.
+            Points in the first view, shape (P, 2) [px], full-image pixels.
 
         Notes
         -----
-        What it answers is registered afterwards to a fraction of a pixel, along the epipolar line.
+        The places are registered afterwards to a fraction of a pixel, along the epipolar line.
         """
         ...
 
 
 class FeatureMatcher(Protocol):
-    """Matches whatever stands out in images (``method.sfm.features``)."""
+    """Matches distinctive features of images (``method.sfm.features``)."""
 
     def match(self, images: Sequence[LumaArray]) -> dict[tuple[int, int], tuple[FloatArray, FloatArray]]:
         """Pixels of features that look alike, by pair of images, before any geometric check.
@@ -43,6 +43,6 @@ class FeatureMatcher(Protocol):
         Returns
         -------
         matches
-            For every pair ``i < j`` the pixels in both images, shape (N, 2) each [px].
+            Pixels in both images by pair ``i < j``, shape (N, 2) each [px].
         """
         ...

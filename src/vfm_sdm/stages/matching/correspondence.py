@@ -16,14 +16,13 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, has_rival
 from vfm_sdm.stages.registration.subsets import Registration, register_subset
 
 __all__ = ["Correspondence", "Surface", "find_correspondences"]
 
 
 _MIN_CORRELATION = 0.7
-_AMBIGUITY_MARGIN = 0.05
-"""Another place counts as alike when its correlation comes within this of the best one."""
 _DISTINCT_PX = 3.0
 _RETURN_PX = 0.5
 _LEAST_BACK_PX = 13
@@ -362,13 +361,12 @@ def _register(
     best = int(np.argmax(correlation))
     if named is not None:
         # Of places that look alike, the one next to where the user points.
-        alike = np.flatnonzero(correlation > correlation[best] - _AMBIGUITY_MARGIN)
+        alike = np.flatnonzero(correlation > correlation[best] - AMBIGUITY_MARGIN)
         best = int(alike[np.argmin(np.linalg.norm(tried.position[alike] - named, axis=1))])
     if correlation[best] < _MIN_CORRELATION:
         return None, PointStatus.NOT_FOUND, float("nan")
     chosen = _take(tried, best)
-    apart = np.linalg.norm(tried.position - tried.position[best], axis=1) > _DISTINCT_PX
-    if np.any(correlation[apart] > correlation[best] - _AMBIGUITY_MARGIN):
+    if has_rival(correlation, tried.position, best, distinct_px=_DISTINCT_PX):
         return chosen, PointStatus.AMBIGUOUS, float("nan")
     # The square of the way back must not reach beyond what the way there has seen.
     shrunk = np.linalg.svd(chosen.affine[0], compute_uv=False)[-1] * subset_px

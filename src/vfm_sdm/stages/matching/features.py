@@ -28,12 +28,27 @@ def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, Flo
     Returns
     -------
     points_first, points_second
-        Shape (N, 2) each [px]; empty when nothing matches.
+        Pixels in both images, shape (N, 2) each [px]; empty when nothing matches.
 
-    Notes
-    -----
-    RootSIFT descriptors (Arandjelovic and Zisserman, CVPR 2012) compared by inner product; a match must be the best
-    one in both directions and pass Lowe's ratio test.
+    Notes ----- RootSIFT descriptors [1]_ are compared by their inner product; a match must be the best one in both
+    directions and pass the ratio test of [2]_.
+
+    References
+    ----------
+    .. [1] Arandjelovic, R., Zisserman, A. (2012). Three things everyone should know to improve object retrieval. IEEE
+       Conference on Computer Vision and Pattern Recognition.
+    .. [2] Lowe, D. G. (2004). Distinctive image features from scale-invariant keypoints. International Journal of
+    Computer
+       Vision 60(2), 91-110.
+
+    Examples
+    --------
+    >>> from scipy.ndimage import gaussian_filter
+    >>> texture = gaussian_filter(np.random.default_rng(0).normal(0, 1, (240, 340)), 2)
+    >>> image = np.rint(128 + 300 * texture).clip(0, 255).astype(np.uint8)
+    >>> first, second = match_features(image[:, 20:], image[:, :-20])
+    >>> len(first) > 50, bool(np.allclose(np.median(second - first, axis=0), [20, 0], atol=0.1))
+    (True, True)
     """
     with ThreadPoolExecutor(2) as executor:
         (points_a, descriptors_a), (points_b, descriptors_b) = executor.map(_detect, (first, second))
@@ -55,8 +70,18 @@ def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, Flo
 def to_eight_bit(luma: LumaArray) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
     """The image stretched to 8 bit for feature detection; grey values are not comparable between images.
 
-    The stretch leaves out the darkest and brightest half per cent: a dark or hazy view has features too, of a contrast
-    below what detectors take for noise.
+    Parameters
+    ----------
+    luma
+        Image of 8 or 16 bits, shape (H, W).
+
+    Notes ----- The stretch leaves out the darkest and brightest half per cent of the pixels: a dark or hazy view has
+    features too, of a contrast below what detectors take for noise.
+
+    Examples
+    --------
+    >>> to_eight_bit(np.array([[1000, 2000], [3000, 4000]], np.uint16)).dtype
+    dtype('uint8')
     """
     every = max(1, min(luma.shape) // _SAMPLES)
     low, high = np.percentile(luma[::every, ::every], [_CUT_PER_CENT, 100 - _CUT_PER_CENT])

@@ -48,9 +48,12 @@ class LearnedMatcher:
 
     References
     ----------
-    DeTone, Malisiewicz and Rabinovich (2018), SuperPoint: self-supervised interest point detection and description.
-    Sarlin, DeTone, Malisiewicz and Rabinovich (2020), SuperGlue: learning feature matching with graph neural networks.
-    Lindenberger, Sarlin and Pollefeys (2023), LightGlue: local feature matching at light speed.
+    .. [1] DeTone, D., Malisiewicz, T., Rabinovich, A. (2018). SuperPoint: self-supervised interest point detection and
+       description. CVPR Workshops.
+    .. [2] Sarlin, P.-E., DeTone, D., Malisiewicz, T., Rabinovich, A. (2020). SuperGlue: learning feature matching with
+       graph neural networks. IEEE/CVF Conference on Computer Vision and Pattern Recognition.
+    .. [3] Lindenberger, P., Sarlin, P.-E., Pollefeys, M. (2023). LightGlue: local feature matching at light speed.
+       IEEE/CVF International Conference on Computer Vision.
     """
 
     def __init__(self, matcher: str, *, model: Path | str | None = None) -> None:
@@ -66,7 +69,7 @@ class LearnedMatcher:
                 f"sfm matcher {matcher!r}: expected torch and transformers, got no {error.name}; "
                 "pip install 'vfm-sdm[sfm]', or use features = 'sift'"
             ) from error
-        self._network = _load(transformers, matcher, model)
+        self._network = _load_network(transformers, matcher, model)
 
     def match(self, images: Sequence[LumaArray]) -> dict[tuple[int, int], tuple[FloatArray, FloatArray]]:
         """Pixels of features that look alike, by pair of images, before any geometric check.
@@ -79,22 +82,22 @@ class LearnedMatcher:
         Returns
         -------
         matches
-            For every pair ``i < j`` the pixels in both images, shape (N, 2) each [px].
+            Pixels in both images by pair ``i < j``, shape (N, 2) each [px].
 
         Notes
         -----
         All images are reduced by their own scale and stand at the top left of one common canvas, so that an image
         has the same features in all its pairs.
         """
-        regions = [_reduced(image) for image in images]
+        regions = [_choose_region(image) for image in images]
         width, height = (
             -(-max(region.canvas_size[axis] for region in regions) // _CELL_PX) * _CELL_PX for axis in range(2)
         )
-        canvases = [_canvas(image, region, (width, height)) for image, region in zip(images, regions, strict=True)]
+        canvases = [_make_canvas(image, region, (width, height)) for image, region in zip(images, regions, strict=True)]
         found = {}
         for i, j in combinations(range(len(images)), 2):
             pixels = self._match_pair(canvases[i], canvases[j])
-            whole = np.logical_and(*(_inside(u, regions[k]) for u, k in zip(pixels, (i, j), strict=True)))
+            whole = np.logical_and(*(_is_inside(u, regions[k]) for u, k in zip(pixels, (i, j), strict=True)))
             found[i, j] = regions[i].to_full(pixels[0][whole]), regions[j].to_full(pixels[1][whole])
         return found
 
@@ -125,7 +128,7 @@ def superpoint_matcher(*, sfm: Sfm) -> LearnedMatcher:
     return LearnedMatcher(sfm.matcher or "superglue", model=sfm.model)
 
 
-def _load(transformers: Any, matcher: str, model: Path | str | None) -> Any:
+def _load_network(transformers: Any, matcher: str, model: Path | str | None) -> Any:
     """The network in evaluation mode, from local files only."""
     source = MATCHERS[matcher] if model is None else str(model)
     advice = (
@@ -142,7 +145,7 @@ def _load(transformers: Any, matcher: str, model: Path | str | None) -> Any:
                 f"sfm model {source}: expected a {matcher} network, got {config.model_type}; {advice}"
             )
         config.keypoint_detector_config.max_keypoints = _KEYPOINTS
-        with _quiet(transformers.utils.logging):
+        with _silence(transformers.utils.logging):
             network, report = transformers.AutoModelForKeypointMatching.from_pretrained(
                 source,
                 config=config,
@@ -170,7 +173,7 @@ def _load(transformers: Any, matcher: str, model: Path | str | None) -> Any:
 
 
 @contextmanager
-def _quiet(log: Any) -> Iterator[None]:
+def _silence(log: Any) -> Iterator[None]:
     """Holds back the library's report and progress bar while it loads."""
     verbosity, has_bar = log.get_verbosity(), log.is_progress_bar_enabled()
     log.set_verbosity(log.CRITICAL)
@@ -183,14 +186,15 @@ def _quiet(log: Any) -> Iterator[None]:
             log.enable_progress_bar()
 
 
-def _reduced(image: LumaArray) -> Region:
+def _choose_region(image: LumaArray) -> Region:
+    """The whole image, reduced so that its longer side fits the network [px]."""
     height, width = image.shape
     scale = min(1.0, _LONG_SIDE_PX / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     return Region(0, 0, width, height, scale_u=size[0] / width, scale_v=size[1] / height)
 
 
-def _canvas(image: LumaArray, region: Region, size: tuple[int, int]) -> FloatArray:
+def _make_canvas(image: LumaArray, region: Region, size: tuple[int, int]) -> FloatArray:
     """The reduced image in the range 0 to 1 at the top left of a canvas that repeats its last row and column."""
     part = region.crop(to_eight_bit(image))
     right, below = size[0] - part.shape[1], size[1] - part.shape[0]
@@ -198,6 +202,6 @@ def _canvas(image: LumaArray, region: Region, size: tuple[int, int]) -> FloatArr
     return np.asarray(padded / 255.0)
 
 
-def _inside(points: FloatArray, region: Region) -> np.ndarray[Any, np.dtype[np.bool_]]:
+def _is_inside(points: FloatArray, region: Region) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Whether canvas pixels lie in the image itself, away from its border."""
     return np.asarray(((points >= _BORDER_PX) & (points < np.array(region.canvas_size) - _BORDER_PX)).all(axis=1))

@@ -17,7 +17,7 @@ class Matches:
     first, second
         Indices of the two views in the rig; they differ.
     points_first, points_second
-        Shape (N, 2) each [px], full-image pixels; row i of both is the same scene point.
+        Full-image pixels in each view, shape (N, 2) each [px]; row i of both is the same scene point.
 
     Raises
     ------
@@ -25,6 +25,11 @@ class Matches:
         The two views are the same or negative, or the two arrays differ in length.
     DatasetError
         An array is not of shape (N, 2).
+
+    Examples
+    --------
+    >>> len(Matches(0, 1, [[10.0, 20.0]], [[12.0, 20.5]]))
+    1
     """
 
     first: int

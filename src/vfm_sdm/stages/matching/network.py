@@ -33,11 +33,19 @@ class VggtMatcher:
 
     @property
     def weights_id(self) -> str:
-        """Which weights the network has."""
+        """Identity of the network's weights."""
         return self._tracker.weights_id
 
     def locate(self, first: RgbArray, second: RgbArray, points2d: FloatArray) -> FloatArray:
-        """Where points of one view lie in another, see `locate_points`."""
+        """Places of points of one view in another, see `locate_points`.
+
+        Parameters
+        ----------
+        first, second
+            First frames of the two views in colour, shape (height, width, 3).
+        points2d
+            Points in the first view, shape (P, 2) [px].
+        """
         return locate_points(self._tracker.inference, first, second, points2d)
 
 
@@ -50,23 +58,23 @@ def locate_points(
     side_px: int = 294,
     multiple: int = 14,
 ) -> FloatArray:
-    """Where points of one view lie in another, shape (P, 2) [px]; NaN where they are not seen.
+    """Places of points of one view in another, shape (P, 2) [px]; NaN where they are not seen.
 
     Parameters
     ----------
     network
-        What follows them.
+        Network that follows the points.
     first, second
         First frames of the two views in colour, shape (height, width, 3).
     points2d
-        In the first view, shape (P, 2) [px].
+        Points in the first view, shape (P, 2) [px].
     side_px, multiple
-        Side of the patches around them, and of what it is a multiple [px].
+        Side of the patches around them, and the length that it is a multiple of [px].
 
     Raises
     ------
     MemoryError
-        Two pictures do not fit.
+        Two pictures do not fit the memory.
 
     Notes
     -----
@@ -74,7 +82,7 @@ def locate_points(
     frames, reduced, tell where it is, and patches at full resolution then tell the point.
     """
     view, (in_first, in_second) = network_view([first, second])
-    rough = in_second.to_full(_carried(network, view, in_first.from_full(points2d)))
+    rough = in_second.to_full(_follow_pair(network, view, in_first.from_full(points2d)))
     found = np.full(points2d.shape, np.nan)
     height, width = second.shape[:2]
     shortest = np.minimum(first.shape[1::-1], second.shape[1::-1])
@@ -83,11 +91,11 @@ def locate_points(
         here = Region.around(points2d[row], (sides[0], sides[1]), (first.shape[1], first.shape[0]))
         there = Region.around(rough[row], (sides[0], sides[1]), (width, height))
         pictures = np.stack([here.crop(first), there.crop(second)])
-        found[row] = there.to_full(_carried(network, pictures, here.from_full(points2d[row : row + 1])))[0]
+        found[row] = there.to_full(_follow_pair(network, pictures, here.from_full(points2d[row : row + 1])))[0]
     return found
 
 
-def _carried(network: ChunkNetwork, pictures: RgbFrames, queries: FloatArray) -> FloatArray:
+def _follow_pair(network: ChunkNetwork, pictures: RgbFrames, queries: FloatArray) -> FloatArray:
     """Places (N, 2) in the second picture of points of the first; NaN where the network calls them hidden."""
     tracks = network.follow(pictures, queries)
     return np.where(tracks.visibility[1, :, None] >= SEEN, tracks.positions[1], np.nan)

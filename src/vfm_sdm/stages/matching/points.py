@@ -15,19 +15,19 @@ __all__ = ["check_inside", "named_points"]
 
 
 def check_inside(session: Session, frames: Mapping[str, LumaArray]) -> None:
-    """Checks that every named pixel lies in its picture.
+    """Refuses named pixels outside their picture.
 
     Parameters
     ----------
     session
-        Names the points.
+        The measurement, which names the points.
     frames
-        First frame of every view, shape (H, W).
+        First frame of every view, shape (H, W); only the sizes [px] are used.
 
     Raises
     ------
     SessionError
-        Names every point that lies outside.
+        A pixel lies outside; the message names every such point.
     """
     faults = []
     for point in session.point:
@@ -47,9 +47,14 @@ def named_points(session: Session, views: Sequence[str]) -> xr.Dataset:
     Parameters
     ----------
     session
-        Names the points.
+        The measurement, which names the points.
     views
-        Names of the views, in order.
+        Names of the V views, in order.
+
+    Returns
+    -------
+    points
+        Points dataset with the pixels of P points, shape (V, P, 2) [px].
     """
     shape = (len(views), len(session.point))
     position = np.full((*shape, 2), np.nan)

@@ -1,4 +1,4 @@
-"""Structural geometry refinement (SGR): what is known of the structure's motion helps the poorer of two views."""
+"""Structural geometry refinement (SGR): knowledge of the structure's motion corrects the poorer of two views."""
 
 from vfm_sdm.stages.refinement.model import REFINEMENT_STATUSES, Refinement, SgrSettings
 from vfm_sdm.stages.refinement.objective import SgrWeights

@@ -1,4 +1,4 @@
-"""Settings of the refinement, and what it returns."""
+"""Settings and result of the structural geometry refinement."""
 
 from dataclasses import dataclass, field
 
@@ -6,40 +6,29 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.datasets import STRUCTURE_AXES
+from vfm_sdm.core.statuses import RefinementStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.refinement.objective import SgrWeights
 
 __all__ = ["REFINEMENT_STATUSES", "Refinement", "SgrSettings"]
 
-REFINEMENT_STATUSES = (
-    "ok",
-    "both views poor",
-    "uncertainty unknown",
-    "too few frames",
-    "no still frames",
-    "not converged",
-)
-"""What became of a point; with every status but "ok" its tracks are returned unchanged.
-
-``both views poor``: no view tracks it well enough to serve as the reference. ``uncertainty unknown``: its covariances
-do not tell which view is the poorer; name one. ``too few frames``: fewer than three are triangulated.
-``no still frames``: none of them lies in the still interval. ``not converged``: the iteration found no minimum.
-"""
+REFINEMENT_STATUSES = tuple(str(status) for status in RefinementStatus)
+"""What became of a point; with every status but "ok" its tracks are returned unchanged."""
 
 
 @dataclass(frozen=True)
 class SgrSettings:
-    """How tracks are refined.
+    """Settings of the refinement.
 
     Parameters
     ----------
     weights
-        Of the five terms.
+        Weights of the five terms.
     suppressed_axis
         The structural axis along which hardly any motion is expected: longitudinal for bridges, vertical for towers.
     uncertain_view
         Name or index of the view to refine, or ``"auto"``: for each point, the view with the larger median standard
-        deviation of u over the frames.
+        deviation of u over the frames; of more than two, the one whose u adds most noise along the suppressed axis.
     poor_std_px
         A view whose median standard deviation of u is above this cannot be the reference [px]. Half a pixel is ten
         times what tracking a textured surface leaves, and more than the motion that is usually looked for.
@@ -72,16 +61,20 @@ class SgrSettings:
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """Refined tracks of P points in T frames, and how they came about.
+    """Refined tracks of P points in T frames, and what is known of the refinement.
 
     Parameters
     ----------
     tracks
-        As given, with u of the uncertain view corrected; the covariances are still those of the tracker.
+        As given, with u of the uncertain view corrected; the covariances are still those of the tracker. Of more than
+        two views, ``refined_view`` (on ``point``) names it, empty for a point that is not ``ok``.
     correction_px
-        What was added to u, shape (T, P) [px]; zero for a point that is not ``ok``, NaN where a sample is missing.
+        What was added to u, shape (T, P) [px]; zero for a point that is not ``ok``, NaN where a sample is missing, or
+        seen by other views only, and then as these give it.
     uncertain_view
         The refined view of each point; ``None`` where none was chosen.
+    reference_views
+        The views that it was refined against, for each point: the other one, or all others that see the point.
     status
         One of `REFINEMENT_STATUSES` for each point.
     cost
@@ -89,15 +82,15 @@ class Refinement:
     iterations
         Steps until the minimum, shape (P,).
     prior_share
-        How much of what the refined coordinate u said about depth was replaced by the assumption, shape (P,), from 0
-        (images only) to 1 (assumption only); NaN where not ``ok``.
+        Share of the information of the refined coordinate u about depth that the assumption replaced, shape (P,) [1],
+        from 0 (images only) to 1 (assumption only); NaN where not ``ok``.
     gain
         Refined displacement along structural axis a from true motion along axis b, shape (P, 3, 3) [1]; NaN where not
         ``ok``.
 
     Notes
     -----
-    A correction of u moves a point along one direction ``g = dX/du``, nearly the reference view's ray. In the
+    A correction of u moves a point along one direction ``g = dX/du``, of two views nearly the other's ray. In the
     linearised problem the answer to a baseline displacement ``z`` along the suppressed axis is ``-S(f) z g / g_z``,
     with the share ``S(f) = g_z^2 h_z / (g_z^2 h_z + g_x^2 h_xy + g_y^2 h_xy + w)``, where ``h = level + 4 rate
     sin^2(pi f)`` are the normalised weights at the frequency f [1/frame] and w that of the pixel. ``prior_share`` is
@@ -108,6 +101,7 @@ class Refinement:
     tracks: xr.Dataset
     correction_px: FloatArray
     uncertain_view: tuple[str | None, ...]
+    reference_views: tuple[tuple[str, ...], ...]
     status: tuple[str, ...]
     cost: FloatArray
     iterations: IntArray

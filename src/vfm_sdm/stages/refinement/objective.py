@@ -10,7 +10,7 @@ from vfm_sdm.errors import DatasetError
 __all__ = ["Objective", "SgrWeights", "make_objective"]
 
 _RESOLUTION_PX = 1e-3
-"""No tracker resolves less: the least motion that counts as a scale."""
+"""Least motion that counts as a scale: no tracker resolves less."""
 
 
 @dataclass(frozen=True)
@@ -20,15 +20,15 @@ class SgrWeights:
     Parameters
     ----------
     longitudinal
-        Of displacement along the suppressed axis; w_Z,abs of the paper.
+        Weight of displacement along the suppressed axis; w_Z,abs of the paper.
     longitudinal_rate
-        Of its difference between neighbouring frames; w_Z,diff.
+        Weight of its difference between neighbouring frames; w_Z,diff.
     others
-        Of the departure from the baseline triangulation along the two other axes; w_XY,abs.
+        Weight of the departure from the baseline triangulation along the two other axes; w_XY,abs.
     others_rate
-        Of that departure's difference between neighbouring frames; w_XY,diff.
+        Weight of that departure's difference between neighbouring frames; w_XY,diff.
     pixel
-        Of the pixel correction; w_2d.
+        Weight of the pixel correction; w_2d.
 
     Raises
     ------
@@ -55,14 +55,14 @@ class Objective:
     Parameters
     ----------
     target
-        Positions along the axes (suppressed, other, other) that leave no residual, shape (3, P, T): the origin along
-        the suppressed axis, the baseline triangulation along the others.
+        Positions along the axes (suppressed, other, other) that leave no residual, shape (3, P, T) [m]: the origin
+        along the suppressed axis, the baseline triangulation along the others.
     valid
         Samples that take part, shape (P, T).
     level, rate
-        Weight over squared scale of each axis' residual and of its difference in time, shape (3, P, 1).
+        Weight over squared scale of each axis' residual and of its difference in time, shape (3, P, 1) [1/m2].
     pixel
-        The same of the pixel correction, shape (P, 1) [1/px2].
+        Weight over squared scale of the pixel correction, shape (P, 1) [1/px2].
     """
 
     target: FloatArray
@@ -77,12 +77,43 @@ class Objective:
         return np.asarray(self.valid[:, 1:] & self.valid[:, :-1])
 
     def departure(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Departure from the target, (3, P, T), and its differences in time, (3, P, T - 1); zero where not valid."""
+        """Departure from the target, and its differences in time.
+
+        Parameters
+        ----------
+        position
+            Positions along the axes (suppressed, other, other), shape (3, P, T) [m].
+
+        Returns
+        -------
+        departure, change
+            Shapes (3, P, T) and (3, P, T - 1) [m]; zero where not valid.
+        """
         departure = np.where(self.valid, position - self.target, 0.0)
         return departure, np.where(self.linked, np.diff(departure), 0.0)
 
     def cost(self, position: FloatArray, correction: FloatArray) -> FloatArray:
-        """Objective of each point, shape (P,) [1], at positions (3, P, T) and corrections (P, T)."""
+        """Objective of each point, shape (P,) [1].
+
+        Parameters
+        ----------
+        position
+            Positions along the axes (suppressed, other, other), shape (3, P, T) [m].
+        correction
+            Corrections of the pixel coordinate, shape (P, T) [px].
+
+        Examples
+        --------
+        >>> time = np.arange(200) / 30
+        >>> motion = np.stack([0.001 * np.cos(31 * time), 0.002 * np.sin(9 * time), 0.005 * np.sin(9 * time)])[:, None]
+        >>> slope, valid = np.full((3, 1, 200), 0.004), np.ones((1, 200), dtype=bool)
+        >>> pixel = 100 + 3 * motion[0] / 0.004
+        >>> objective = make_objective(motion, slope, pixel, valid, origin=valid, weights=SgrWeights())
+        >>> without, half = np.zeros((1, 200)), motion.copy()
+        >>> half[0] /= 2
+        >>> bool(objective.cost(half, without)[0] < objective.cost(motion, without)[0])
+        True
+        """
         departure, change = self.departure(position)
         terms = np.einsum("ap,apt,apt->p", self.level[..., 0], departure, departure)
         terms += np.einsum("ap,apt,apt->p", self.rate[..., 0], change, change)
@@ -96,16 +127,18 @@ class Objective:
         Parameters
         ----------
         position, slope
-            Positions and their change with the correction, shape (3, P, T); slope zero where not valid.
+            Positions [m] and their change with the correction [m/px], shape (3, P, T); the slope is zero where not
+            valid.
         correction
-            Shape (P, T) [px].
+            Corrections of the pixel coordinate, shape (P, T) [px].
 
         Returns
         -------
         gradient, diagonal
-            Shape (P, T).
+            Half the gradient, shape (P, T) [1/px], and the diagonal of the matrix, shape (P, T) [1/px2].
         beside
-            Element above the diagonal, shape (P, T): entry t couples frames t - 1 and t; zero at t = 0 and over gaps.
+            Element above the diagonal, shape (P, T) [1/px2]: entry t couples frames t - 1 and t; zero at t = 0 and over
+            gaps.
         """
         departure, change = self.departure(position)
         pull = self.level * departure
@@ -127,7 +160,7 @@ def make_objective(
     pixel: FloatArray,
     valid: BoolArray,
     *,
-    reference: BoolArray,
+    origin: BoolArray,
     weights: SgrWeights,
 ) -> Objective:
     """The objective around a baseline triangulation.
@@ -135,17 +168,17 @@ def make_objective(
     Parameters
     ----------
     position
-        Baseline positions along the axes (suppressed, other, other), shape (3, P, T).
+        Baseline positions along the axes (suppressed, other, other), shape (3, P, T) [m].
     slope
-        Their change with the pixel coordinate that is refined, shape (3, P, T) [length unit a px].
+        Their change with the pixel coordinate that is refined, shape (3, P, T) [m/px].
     pixel
-        That coordinate, shape (P, T) [px].
+        The pixel coordinate that is refined, shape (P, T) [px].
     valid
         Samples that take part, shape (P, T).
-    reference
-        Samples whose mean is the origin of displacement, shape (P, T); at least one a point.
+    origin
+        Samples whose mean is the origin of displacement, shape (P, T); at least one for each point.
     weights
-        Of the terms.
+        Weights of the terms.
 
     Notes
     -----
@@ -154,17 +187,27 @@ def make_objective(
     vector along the two other axes; of that vector's difference; and of the pixel's own motion. Displacement and pixel
     motion are relative to the origin. A scale is at least what a thousandth of a pixel makes, so that a point at rest
     divides by no zero.
+
+    Examples
+    --------
+    >>> time = np.arange(200) / 30
+    >>> motion = np.stack([0.001 * np.cos(31 * time), 0.002 * np.sin(9 * time), 0.005 * np.sin(9 * time)])[:, None]
+    >>> slope, valid = np.full((3, 1, 200), 0.004), np.ones((1, 200), dtype=bool)
+    >>> pixel = 100 + 3 * motion[0] / 0.004
+    >>> objective = make_objective(motion, slope, pixel, valid, origin=valid, weights=SgrWeights())
+    >>> objective.target.shape, objective.level.shape
+    ((3, 1, 200), (3, 1, 1))
     """
-    displacement = position - _mean(position, reference)[..., None]
+    displacement = position - _mean(position, origin)[..., None]
     level = np.where(valid, displacement, 0.0)
     linked = valid[:, 1:] & valid[:, :-1]
     rate = np.where(linked, np.diff(level), 0.0)
-    motion = np.where(valid, pixel - _mean(pixel, reference)[:, None], 0.0)
+    motion = np.where(valid, pixel - _mean(pixel, origin)[:, None], 0.0)
     samples, pairs = valid.sum(axis=1), np.maximum(linked.sum(axis=1), 1)
 
     least = (_RESOLUTION_PX**2 * np.einsum("apt,apt->p", slope, slope) / samples)[None]
-    level_square = np.maximum(_by_term(np.einsum("apt,apt->ap", level, level) / samples), least)
-    rate_square = np.maximum(_by_term(np.einsum("apt,apt->ap", rate, rate) / pairs), least)
+    level_square = np.maximum(_sum_by_term(np.einsum("apt,apt->ap", level, level) / samples), least)
+    rate_square = np.maximum(_sum_by_term(np.einsum("apt,apt->ap", rate, rate) / pairs), least)
     pixel_square = np.maximum(np.einsum("pt,pt->p", motion, motion) / samples, _RESOLUTION_PX**2)
 
     target = position.copy()
@@ -179,8 +222,8 @@ def make_objective(
     )
 
 
-def _by_term(squares: FloatArray) -> FloatArray:
-    """Mean squares of the axes, (3, P), to those of the terms: the two other axes share theirs."""
+def _sum_by_term(squares: FloatArray) -> FloatArray:
+    """Mean squares of the terms from those of the axes, shape (3, P) both: the two other axes share theirs."""
     together = squares[1] + squares[2]
     return np.stack([squares[0], together, together])
 

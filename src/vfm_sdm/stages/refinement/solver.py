@@ -10,7 +10,7 @@ from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import triangulate_with_slope, view_equations
 from vfm_sdm.stages.refinement.objective import Objective, SgrWeights, make_objective
 
-__all__ = ["Minimum", "PointTriangulation", "find_minimum"]
+__all__ = ["Baseline", "Minimum", "PointTriangulation", "find_minimum"]
 
 _STEP_TOLERANCE_PX = 1e-3
 """Convergence is quadratic: after a step of this size about a thousandth of its square is left."""
@@ -21,12 +21,12 @@ _FREQUENCIES = 64
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where the iteration of P points of T frames ended.
+    """Result of the iteration for P points of T frames.
 
     Parameters
     ----------
     correction
-        Of the pixel coordinate u, shape (P, T) [px]; zero where not valid.
+        Correction of the pixel coordinate u, shape (P, T) [px]; zero where not valid.
     valid
         Samples that took part, shape (P, T).
     cost, iterations, converged
@@ -45,28 +45,39 @@ class Minimum:
 
 
 class PointTriangulation:
-    """Positions of P points in T frames as functions of a correction of u in one of two views.
+    """Positions of P points in T frames as functions of a correction of u in one of the views.
 
     Parameters
     ----------
     pixels
-        Shape (2, T, P, 2) [px].
+        Shape (V, T, P, 2) [px]; NaN where one of more than two views does not see a point.
     rig
-        Two cameras.
+        V cameras.
     axes
         Rotation from the first camera's frame to the axes of the positions, shape (3, 3).
     view
         Index of the corrected view.
+    weights
+        Factors of the equations of each view, shape (V, P) [1]; 1 without.
     """
 
-    def __init__(self, pixels: FloatArray, rig: Rig, axes: FloatArray, view: int) -> None:
+    def __init__(
+        self, pixels: FloatArray, rig: Rig, axes: FloatArray, view: int, weights: FloatArray | None = None
+    ) -> None:
         by_point = np.ascontiguousarray(pixels.transpose(0, 2, 1, 3))
         self.shape: tuple[int, int] = by_point.shape[1:3]
         self.u = by_point[view, ..., 0]
         self._pixels = by_point[view].reshape(-1, 2)
         self._rig, self._axes, self._view = rig, axes, view
-        reference = rig.cameras[1 - view]
-        self._fixed = view_equations(reference, reference.normalize(by_point[1 - view].reshape(-1, 2)))
+        self._seen = np.isfinite(by_point).all(axis=-1).reshape(len(rig), -1)
+        self._weights = None if weights is None else np.repeat(weights, self.shape[1], axis=1)
+        self._equations = [
+            self._weighed(number, view_equations(camera, camera.normalize(own.reshape(-1, 2))))
+            for number, (camera, own) in enumerate(zip(rig.cameras, by_point, strict=True))
+        ]
+
+    def _weighed(self, view: int, equations: FloatArray) -> FloatArray:
+        return equations if self._weights is None else self._weights[view] * equations
 
     def __call__(self, correction: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions and their change with u, both (3, P, T), at a correction (P, T).
@@ -77,24 +88,40 @@ class PointTriangulation:
         pixels[:, 0] += correction.ravel()
         camera = self._rig.cameras[self._view]
         normalized = camera.normalize(pixels)
-        moved = view_equations(camera, normalized)
-        pair = (self._fixed, moved) if self._view else (moved, self._fixed)
-        points3d, slope = triangulate_with_slope(pair, camera, normalized, view=self._view)
-        for c in self._rig.cameras:
+        equations = list(self._equations)
+        equations[self._view] = self._weighed(self._view, view_equations(camera, normalized))
+        weights = 1.0 if self._weights is None else self._weights[self._view]
+        points3d, slope = triangulate_with_slope(equations, camera, normalized, view=self._view, weights=weights)
+        for c, seen in zip(self._rig.cameras, self._seen, strict=True):
             depth = c.rotation[2] @ points3d + c.translation[2]
-            points3d[:, ~(depth > 0)] = np.nan
+            points3d[:, seen & ~(depth > 0)] = np.nan
         return (self._axes @ points3d).reshape(3, *self.shape), (self._axes @ slope).reshape(3, *self.shape)
 
 
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """Triangulation of P points in T frames without correction.
+
+    Parameters
+    ----------
+    position, slope
+        Positions along the axes of the objective and their change with u, shape (3, P, T).
+    valid, reference
+        Samples that take part, and those whose mean is the origin of displacement, shape (P, T).
+    """
+
+    position: FloatArray
+    slope: FloatArray
+    valid: BoolArray
+    reference: BoolArray
+
+    def of(self, chosen: BoolArray) -> "Baseline":
+        """The chosen points alone, from shape (P,)."""
+        return Baseline(self.position[:, chosen], self.slope[:, chosen], self.valid[chosen], self.reference[chosen])
+
+
 def find_minimum(
-    triangulation: PointTriangulation,
-    position: FloatArray,
-    slope: FloatArray,
-    *,
-    valid: BoolArray,
-    reference: BoolArray,
-    weights: SgrWeights,
-    max_iterations: int,
+    triangulation: PointTriangulation, baseline: Baseline, weights: SgrWeights, *, max_iterations: int
 ) -> Minimum:
     """Corrections that make the objective of each point least.
 
@@ -102,16 +129,20 @@ def find_minimum(
     ----------
     triangulation
         Of the points.
-    position, slope
-        Its value without correction: the baseline, shape (3, P, T).
-    valid, reference
-        Samples that take part, and those whose mean is the origin of displacement, shape (P, T).
+    baseline
+        Its value without correction.
     weights, max_iterations
         See `SgrSettings`.
+
+    Returns
+    -------
+    minimum
+        Corrections, shape (P, T) [px], and how the iteration ended.
     """
-    slope = np.where(valid, slope, 0.0)
-    objective = make_objective(position, slope, triangulation.u, valid, reference=reference, weights=weights)
-    direction = _lost_motion(objective, slope)
+    position, valid = baseline.position, baseline.valid
+    slope = np.where(valid, baseline.slope, 0.0)
+    objective = make_objective(position, slope, triangulation.u, valid, origin=baseline.reference, weights=weights)
+    direction = _compute_lost_motion(objective, slope)
     correction = np.zeros(triangulation.shape)
     cost = objective.cost(position, correction)
     points = len(cost)
@@ -141,7 +172,7 @@ def find_minimum(
     return Minimum(correction, valid, cost, iterations, converged, direction)
 
 
-def _lost_motion(objective: Objective, slope: FloatArray) -> FloatArray:
+def _compute_lost_motion(objective: Objective, slope: FloatArray) -> FloatArray:
     """See `Minimum.direction`: ``S g / g_z`` of the linearised problem, averaged over the frequencies, (P, 3)."""
     mean = slope.sum(axis=2) / objective.valid.sum(axis=1)
     frequency = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)

@@ -327,18 +327,18 @@ def register_subsets(
     Parameters
     ----------
     image
-        Current image [v, u], uint8 or uint16; lines may be padded.
+        Current image [v, u], shape (H, W), uint8 or uint16; lines may be padded.
     columns
-        Width of the picture in it.
+        Width of the picture in it [px].
     bank
         Tuple of the reference (see `subsets.SubsetBank`): pixels (P, 3, S S) float32, moments (P, 13),
         matrices (P, 2, 6, 6), offsets (2, S S) float32.
     rows
         Row of the bank of each registration, shape (K,).
     warps
-        In: start, out: result; t_u, t_v, then A row by row; shape (K, 6).
+        Starts, which the results replace: t_u, t_v [px], then A row by row [1], shape (K, 6).
     outcome
-        Out: code, iterations, ZNCC, residual sum of squares, gain; shape (K, 5).
+        Filled with code, iterations, ZNCC, residual sum of squares and gain, shape (K, 5).
     settings
         Largest number of iterations, tolerance (distance from the minimum) [px], and the deviation [px] of A from the
         identity up to which the grid of a pure translation is sampled.
@@ -442,10 +442,10 @@ def correlate_on_grid(
     first: int,
     last: int,
 ) -> None:
-    """Moves subsets to the highest ZNCC on a grid of 1 / ``divisions`` px within one pixel of where they start.
+    """Moves subsets to the highest ZNCC on a grid of 1 / ``divisions`` px within one pixel of their start.
 
-    Arrays as in `register_subsets`; of ``warps`` only the position is read and moved, from the nearest pixel. The
-    search halves its step from half a pixel down to one division and climbs at every step.
+    The arrays are those of `register_subsets`. Of ``warps``, shape (K, 6), only the position is read and moved, from
+    the nearest pixel. The search halves its step from half a pixel down to one division and climbs at every step.
     """
     pixels, moments, _, grid = bank
     count = pixels.shape[2]

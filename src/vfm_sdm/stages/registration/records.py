@@ -1,4 +1,4 @@
-"""What a registration of subsets yields."""
+"""Results of the registration of subsets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,11 +18,13 @@ class Registration:
     Parameters
     ----------
     position
-        Shape (P, 2) [px]; NaN where it failed.
+        Position in the other image, shape (P, 2) [px]; NaN where the registration failed.
     affine
-        Maps offsets in the reference to offsets in the other image, shape (P, 2, 2) [1]; NaN where it failed.
+        Maps from offsets in the reference image to offsets in the other one, shape (P, 2, 2) [1]; NaN where the
+        registration failed.
     covariance
-        Of the position, shape (P, 2, 2) [px2]; NaN where it failed, or where the gradients are hardly more than noise.
+        Covariance of the position, shape (P, 2, 2) [px2]; NaN where the registration failed, or where the gradients are
+        hardly more than noise.
     correlation
         Zero-normalised cross-correlation, shape (P,) [1]; NaN where nothing was compared.
     iterations
@@ -44,16 +46,16 @@ class Registration:
 
 @dataclass(frozen=True, eq=False)
 class RawRegistration:
-    """The kernel's own numbers of K registrations; `SubsetBank.interpret` makes a `Registration` of them.
+    """Numbers of the kernel on K registrations; `SubsetBank.interpret` makes a `Registration` of them.
 
     Parameters
     ----------
     rows
-        Subset of each, shape (K,).
+        Row of the subset in its bank, shape (K,).
     warps
-        Position of the subset's centre, then the affine map row by row, shape (K, 6).
+        Position of the subset's centre [px], then the affine map row by row [1], shape (K, 6).
     outcome
-        Code, iterations, correlation, residual sum of squares and gain, shape (K, 5).
+        Code, iterations, correlation [1], residual sum of squares and gain [1], shape (K, 5).
     """
 
     rows: IntArray
@@ -62,7 +64,7 @@ class RawRegistration:
 
     @classmethod
     def joined(cls, parts: Sequence["RawRegistration"]) -> "RawRegistration":
-        """Several one after the other."""
+        """Registrations of several parts, such as successive frames, one part after the other, shape (K, ...)."""
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("rows", "warps", "outcome")))
 
     @property

@@ -1,4 +1,4 @@
-"""What the registration of subsets needs from the reference image: gradients, matrices, and the effect of noise."""
+"""Preparation of subsets of the reference image for registration: gradients, matrices, and the effect of noise."""
 
 from concurrent.futures import Executor
 from functools import cache
@@ -24,7 +24,7 @@ _BATCH = 32  # subsets prepared at one time; bounds the memory
 
 
 class ReferenceSubsets(NamedTuple):
-    """Arrays of P prepared subsets; the first four are what `icgn_kernels.register_subsets` reads.
+    """Arrays of P prepared subsets; the kernel `register_subsets` reads the first four.
 
     Parameters
     ----------
@@ -57,20 +57,20 @@ class ReferenceSubsets(NamedTuple):
 def prepare_subsets(
     reference: LumaArray, centers: IntArray, offsets: FloatArray, half: int, *, executor: Executor | None = None
 ) -> ReferenceSubsets:
-    """Gradients and matrices of the subsets around pixels of the reference.
+    """Gradients and matrices of the subsets around pixels of the reference image.
 
     Parameters
     ----------
     reference
-        Shape (H, W).
+        Reference image, shape (H, W).
     centers
-        Pixels at least ``half`` away from the border, shape (P, 2).
+        Pixels at least ``half`` away from the border, shape (P, 2) [px].
     offsets
-        From the centre to the named point, shape (P, 2) [px].
+        Vectors from the centre to the named point, shape (P, 2) [px].
     half
         Half the side of the subset, without its centre [px].
     executor
-        Threads that share the work; without, it runs in this thread.
+        Threads that share the work; without them, it runs in this thread.
 
     Notes
     -----
@@ -79,6 +79,18 @@ def prepare_subsets(
     precision (the weights of a least-squares estimate may be perturbed to first order) and takes away most of the
     bias that interpolation has near half the sampling frequency. That S is orthogonal to the template makes the step
     independent of gain and bias, the ZNSSD criterion, without normalising the current subset.
+
+    References
+    ----------
+    .. [1] Baker, S., Matthews, I. (2004). Lucas-Kanade 20 years on: a unifying framework. International Journal of
+       Computer Vision 56(3), 221-255.
+
+    Examples
+    --------
+    >>> image = np.random.default_rng(0).integers(0, 255, (60, 80), dtype=np.uint8)
+    >>> prepared = prepare_subsets(image, np.array([[40, 30]]), np.zeros((1, 2)), 10)
+    >>> prepared.pixels.shape, prepared.usable.tolist()
+    ((1, 3, 441), [True])
     """
 
     def prepare(start: int) -> tuple[npt.NDArray[Any], ...]:
@@ -108,17 +120,17 @@ def interpolation_noise() -> FloatArray:
 
 def _prepare(reference: LumaArray, centers: IntArray, offsets: FloatArray, half: int) -> tuple[npt.NDArray[Any], ...]:
     """The fields of `ReferenceSubsets` without the grid, for one batch of points."""
-    windows = _windows(reference, centers, half + _MARGIN)
+    windows = _cut_windows(reference, centers, half + _MARGIN)
     core = np.s_[:, _MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
     points, count = len(centers), (2 * half + 1) ** 2
     gray = windows[core].reshape(points, count)
     template = gray - gray.mean(axis=1, keepdims=True)
-    plain, smooth = ([g.reshape(points, count) for g in kind] for kind in _gradients(windows))
+    plain, smooth = ([g.reshape(points, count) for g in kind] for kind in _compute_gradients(windows))
     design = np.stack([np.ones(count), *_offset_grid(half)])
     S, T = _Images(smooth, template, design), _Images(plain, template, design)
     M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
 
-    usable = _well_posed(M) & (S.norm2 > 0)
+    usable = _is_well_posed(M) & (S.norm2 > 0)
     inverse = np.linalg.inv(np.where(usable[:, None, None], M, np.eye(6)))
     J = np.zeros((points, 2, 6))
     J[:, 0, 0] = J[:, 1, 3] = 1
@@ -130,11 +142,11 @@ def _prepare(reference: LumaArray, centers: IntArray, offsets: FloatArray, half:
         np.stack([inverse, hessian], axis=1),
         usable,
         to_position @ scatter @ to_position.swapaxes(1, 2),
-        _gradient_noise() * count * inverse[:, ::3, ::3],
+        _compute_gradient_noise() * count * inverse[:, ::3, ::3],
     )
 
 
-def _windows(reference: LumaArray, centers: IntArray, reach: int) -> FloatArray:
+def _cut_windows(reference: LumaArray, centers: IntArray, reach: int) -> FloatArray:
     """Windows [u, v] of the image around pixels, mirrored about its border, shape (P, R, R)."""
     steps = np.arange(-reach, reach + 1)
     indices = []
@@ -146,21 +158,22 @@ def _windows(reference: LumaArray, centers: IntArray, reach: int) -> FloatArray:
     return windows
 
 
-def _gradients(windows: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+def _compute_gradients(windows: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
     """Derivatives along u and v of the quintic spline through the samples, at the samples: plain, and smoothed.
 
-    Of windows (P, R, R) the inner (P, R - 2 margin, R - 2 margin); every filter drops what it leaves incomplete.
+    From windows, shape (P, R, R), they give the inner part, shape (P, R - 2 margin, R - 2 margin): every filter drops
+    the border that it leaves incomplete.
     """
     inner = _MARGIN - _FILTERS
     coefficients = spline_filter1d(windows, order=5, axis=1, mode="mirror")[:, inner:-inner]
     coefficients = spline_filter1d(coefficients, order=5, axis=2, mode="mirror")[:, :, inner:-inner]
-    wide = [_filtered(coefficients, _DERIVATIVE, _VALUE), _filtered(coefficients, _VALUE, _DERIVATIVE)]
+    wide = [_apply_filter(coefficients, _DERIVATIVE, _VALUE), _apply_filter(coefficients, _VALUE, _DERIVATIVE)]
     border = len(SMOOTHING) // 2
     plain = [gradient[:, border:-border, border:-border] for gradient in wide]
-    return plain, [_filtered(gradient, SMOOTHING, SMOOTHING) for gradient in wide]
+    return plain, [_apply_filter(gradient, SMOOTHING, SMOOTHING) for gradient in wide]
 
 
-def _filtered(images: FloatArray, along_u: FloatArray, along_v: FloatArray) -> FloatArray:
+def _apply_filter(images: FloatArray, along_u: FloatArray, along_v: FloatArray) -> FloatArray:
     """Images (P, R, R) correlated with one kernel along each axis, without the incomplete border."""
     border_u, border_v = len(along_u) // 2, len(along_v) // 2
     partly = correlate1d(images, along_u, axis=1)[:, border_u:-border_u]
@@ -192,16 +205,16 @@ def _normal_matrix(first: _Images, second: _Images, design: FloatArray) -> Float
 
 
 @cache
-def _gradient_noise() -> float:
+def _compute_gradient_noise() -> float:
     """Expected product of smoothed and plain gradient in white noise of one grey level [1]."""
     side = 2 * _MARGIN + 41
     impulse = np.zeros((1, side, side))
     impulse[0, side // 2, side // 2] = 1
-    plain, smooth = _gradients(impulse)
+    plain, smooth = _compute_gradients(impulse)
     return float((plain[0] * smooth[0]).sum())
 
 
-def _well_posed(M: FloatArray) -> BoolArray:
+def _is_well_posed(M: FloatArray) -> BoolArray:
     """Whether matrices (P, 6, 6) fix all six parameters: their scaled symmetric part is far from singular."""
     symmetric = (M + M.swapaxes(1, 2)) / 2
     diagonal = np.einsum("pkk->pk", symmetric)

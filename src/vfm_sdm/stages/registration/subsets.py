@@ -18,10 +18,10 @@ from vfm_sdm.stages.registration.reference_subsets import ReferenceSubsets, inte
 __all__ = ["RawRegistration", "Registration", "SubsetBank", "check_luma", "check_subset_px", "register_subset"]
 
 TOLERANCE_PX = 1e-4
-"""A registration has converged when this much is left to go (RMS over the subset, from how the steps shrink): a small
-part of the scatter that any noise gives."""
+"""Distance to the minimum below which a registration has converged (RMS over the subset, from how the steps shrink):
+a small part of the scatter that any noise gives."""
 RIGID_PX = 0.15
-"""The warp's linear part is left to the linearisation while it displaces no pixel by more than this."""
+"""Largest displacement of a pixel by the warp's linear part that is left to the linearisation."""
 
 _SHARE = 16  # fewest registrations worth a thread of their own
 _PARAMETERS = 8  # six of the warp, gain and bias: degrees of freedom that a registration takes
@@ -36,7 +36,7 @@ class SubsetBank:
     points
         Named points in the reference image, shape (P, 2) [px].
     centers
-        Their nearest pixels, the centres of the subsets, shape (P, 2) [px].
+        Pixels nearest to the points, which are the centres of the subsets, shape (P, 2) [px].
     subset_px
         Side of the subsets, odd [px].
     inside
@@ -70,18 +70,18 @@ class SubsetBank:
         subset_px: int = 41,
         executor: Executor | None = None,
     ) -> "SubsetBank":
-        """The bank of subsets around points of a reference image.
+        """Bank of the subsets around points of a reference image.
 
         Parameters
         ----------
         reference
-            Shape (H, W), uint8 or uint16.
+            Reference image, shape (H, W), uint8 or uint16.
         points
-            Shape (P, 2) [px]; any position. A subset that leaves the image is kept, as not usable.
+            Points in it, shape (P, 2) [px], at any position. A subset that leaves the image is kept, as not usable.
         subset_px
             Side of the subsets, odd [px].
         executor
-            Threads that share the work; without, it runs in this thread.
+            Threads that share the work; without them, it runs in this thread.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class SubsetBank:
 
     @property
     def offset(self) -> FloatArray:
-        """From the centre of each subset to its named point, shape (P, 2) [px]."""
+        """Vectors from the centre of each subset to its named point, shape (P, 2) [px]."""
         return self.points - self.centers
 
     def register(
@@ -125,17 +125,17 @@ class SubsetBank:
         Parameters
         ----------
         current
-            Shape (H, W), uint8 or uint16; may differ in size and brightness from the reference.
+            Current image, shape (H, W), uint8 or uint16; it may differ in size and brightness from the reference image.
         position
-            Where to start, shape (K, 2) [px]; NaN is answered by NaN.
+            Start of the positions, shape (K, 2) [px]; NaN is answered by NaN.
         affine
-            Where to start, shape (K, 2, 2) [1]; identity by default.
+            Start of the maps, shape (K, 2, 2) [1]; identity by default.
         rows
-            Subset of each start, shape (K,); all P in order by default.
+            Row of the subset of each start, shape (K,); all P in order by default.
         max_iterations
             Gauss-Newton steps after which a registration has failed.
         executor
-            Threads that share the work; without, it runs in this thread.
+            Threads that share the work; without them, it runs in this thread.
 
         Raises
         ------
@@ -159,17 +159,45 @@ class SubsetBank:
         max_iterations: int = 50,
         executor: Executor | None = None,
     ) -> RawRegistration:
-        """The same without checks and covariances, for subsets ``rows`` (K,) from warps (K, 6); for inner loops."""
+        """Registrations without checks and covariances, for inner loops.
+
+        Parameters
+        ----------
+        current
+            Current image, shape (H, W).
+        rows
+            Row of the subset of each start, shape (K,).
+        warps
+            Starts: position of the centre [px], then the affine map row by row [1], shape (K, 6).
+        max_iterations
+            Gauss-Newton steps after which a registration has failed.
+        executor
+            Threads that share the work; without them, it runs in this thread.
+        """
         settings = (max_iterations, TOLERANCE_PX, RIGID_PX)
-        return self._share_out(register_subsets, settings, current, rows, warps, executor)
+        return self._run_in_threads(register_subsets, settings, current, rows, warps, executor)
 
     def run_on_grid(
         self, current: LumaArray, rows: IntArray, warps: FloatArray, *, divisions: int, executor: Executor | None = None
     ) -> RawRegistration:
-        """Translations only: the highest correlation on a grid of 1 / ``divisions`` px, within a pixel of the start."""
-        return self._share_out(correlate_on_grid, divisions, current, rows, warps, executor)
+        """Translations only: the highest correlation on a grid, within a pixel of the start.
 
-    def _share_out(
+        Parameters
+        ----------
+        current
+            Current image, shape (H, W).
+        rows
+            Row of the subset of each start, shape (K,).
+        warps
+            Starts, shape (K, 6), as in `run`; only the position [px] is used.
+        divisions
+            Number of grid steps in a pixel.
+        executor
+            Threads that share the work; without them, it runs in this thread.
+        """
+        return self._run_in_threads(correlate_on_grid, divisions, current, rows, warps, executor)
+
+    def _run_in_threads(
         self,
         kernel: Callable[..., None],
         settings: object,
@@ -179,7 +207,7 @@ class SubsetBank:
         executor: Executor | None,
     ) -> RawRegistration:
         """A kernel's work on registrations, in as many threads as are worth it."""
-        plane, width = _plane(current)
+        plane, width = _find_plane(current)
         warps = np.where(self.usable[rows][:, None], warps, np.nan)
         outcome = np.full((len(rows), 5), np.nan)
 
@@ -195,13 +223,27 @@ class SubsetBank:
         return RawRegistration(rows, warps, outcome)
 
     def position(self, rows: IntArray, warps: FloatArray) -> FloatArray:
-        """Position of the named points under warps (K, 6), shape (K, 2) [px]."""
+        """Positions of the named points under warps, shape (K, 2) [px].
+
+        Parameters
+        ----------
+        rows
+            Row of the subset of each warp, shape (K,).
+        warps
+            Position of the centre [px], then the affine map row by row [1], shape (K, 6).
+        """
         u, v = self.offset[rows].T
         t_u, t_v, a, b, c, d = warps.T
         return np.column_stack([t_u + a * u + b * v, t_v + c * u + d * v])
 
     def interpret(self, raw: RawRegistration) -> Registration:
-        """Positions, covariances and outcome of registrations."""
+        """Positions [px], covariances [px2] and outcome of K registrations.
+
+        Parameters
+        ----------
+        raw
+            Numbers of the kernel, shape (K, ...).
+        """
         warps = np.where(raw.converged[:, None], raw.warps, np.nan)
         return Registration(
             position=self.position(raw.rows, warps),
@@ -229,7 +271,7 @@ class SubsetBank:
             variance = residual / ((pixels - _PARAMETERS) * (kept + gain**2 / signal))
             signal = np.maximum(1 - variance / np.where(contrast > 0, contrast, 1), 0.1)
         gain2 = (gain / signal) ** 2
-        inflation = _inverse2(np.eye(2) - variance[:, None, None] * self.prepared.noise_share[rows])
+        inflation = _invert_two_by_two(np.eye(2) - variance[:, None, None] * self.prepared.noise_share[rows])
         effective = variance * (1 + gain2) / gain2
         spread = A @ inflation
         unit = spread @ self.prepared.unit_covariance[rows] @ spread.swapaxes(1, 2)
@@ -251,9 +293,9 @@ def register_subset(
     Parameters
     ----------
     reference, current
-        Shape (H, W), uint8 or uint16; sizes may differ.
+        The two images, shape (H, W), uint8 or uint16; sizes may differ.
     points_reference
-        Shape (P, 2) [px]; the same point may stand several times, with several starts.
+        Points in the reference image, shape (P, 2) [px]; the same point may stand several times, with several starts.
     initial_position
         Start in the current image, shape (P, 2) [px], within a few pixels of the truth.
     initial_affine
@@ -273,6 +315,22 @@ def register_subset(
     Notes
     -----
     `SubsetBank` does the same for many images against one reference.
+
+    References
+    ----------
+    .. [1] Pan, B., Li, K., Tong, W. (2013). Fast, robust and accurate digital image correlation calculation without
+       redundant computations. Experimental Mechanics 53(7), 1277-1289.
+    .. [2] Baker, S., Matthews, I. (2004). Lucas-Kanade 20 years on: a unifying framework. International Journal of
+       Computer Vision 56(3), 221-255.
+
+    Examples
+    --------
+    >>> from scipy.ndimage import gaussian_filter, shift
+    >>> texture = gaussian_filter(np.random.default_rng(0).normal(0, 1, (80, 100)), 1.5)
+    >>> first, second = (np.rint(128 + 200 * shift(texture, (0, u), order=5)).astype(np.uint8) for u in (0, 0.3))
+    >>> found = register_subset(first, second, [[50.0, 40.0]], [[50.0, 40.0]], subset_px=31)
+    >>> found.converged.tolist(), found.position.round(1).tolist()
+    ([True], [[50.3, 40.0]])
     """
     points = as_float_array(points_reference, "points_reference", (None, 2))
     distinct, rows = np.unique(points, axis=0, return_inverse=True)
@@ -289,23 +347,58 @@ def register_subset(
 
 
 def check_luma(image: LumaArray, name: str) -> None:
-    """Raises `DatasetError` unless the image is one plane of uint8 or uint16."""
+    """Refuses what is not one image plane.
+
+    Parameters
+    ----------
+    image
+        The image, expected of shape (H, W) and of type uint8 or uint16.
+    name
+        Name of the image in the message.
+
+    Raises
+    ------
+    DatasetError
+        The image has another shape or type.
+
+    Examples
+    --------
+    >>> check_luma(np.zeros((48, 64), np.uint8), "current")
+    """
     if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype in (np.uint8, np.uint16)):
         found = f"{image.dtype} of shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise DatasetError(f"{name}: expected one plane (H, W) of uint8 or uint16, got {found}; convert the image")
 
 
 def check_subset_px(subset_px: int, name: str) -> int:
-    """The side of a subset; raises `SessionError` unless it is odd and at least 9."""
+    """The side of a subset [px], after checking it.
+
+    Parameters
+    ----------
+    subset_px
+        Side of the subset [px].
+    name
+        Name of the setting in the message.
+
+    Raises
+    ------
+    SessionError
+        The side is even or below 9 px.
+
+    Examples
+    --------
+    >>> check_subset_px(41, "subset_px")
+    41
+    """
     if subset_px < 9 or subset_px % 2 == 0:
         raise SessionError(f"{name}: expected an odd number of at least 9 pixels, got {subset_px}; use 41")
     return subset_px
 
 
-def _inverse2(matrices: FloatArray) -> FloatArray:
+def _invert_two_by_two(matrices: FloatArray) -> FloatArray:
     """Inverses of 2 x 2 matrices (..., 2, 2) near the identity.
 
-    NaN where the determinant is below 0.01: there nine tenths of the gradients are noise, and say nothing of texture.
+    They are NaN where the determinant is below 0.01: there nine tenths of the gradients are noise, without texture.
     """
     (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
     determinant = a * d - b * c
@@ -315,7 +408,7 @@ def _inverse2(matrices: FloatArray) -> FloatArray:
     return inverse
 
 
-def _plane(image: LumaArray) -> tuple[LumaArray, int]:
+def _find_plane(image: LumaArray) -> tuple[LumaArray, int]:
     """The image as one contiguous read-only array where that needs no copy, and the width of the picture in it.
 
     Decoders pad the lines; the whole buffer is passed then, so that the kernel is compiled for one kind of array and

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, IntArray
-from vfm_sdm.core.datasets import Status, check_tracks
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import Status, check_tracks, worst_status
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.resampling import interpolate_runs
 
@@ -113,7 +113,7 @@ def _move_to_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack
         flat = tracks["position_covariance"].values[:, index].reshape(-1, 4)
         covariance[:, index] = interpolate_runs(have, flat, want, degree=1).reshape(-1, 2, 2)
     before = np.clip(np.searchsorted(have, want, side="right") - 1, 0, have.size - 2)
-    status = _worse(tracks["status"].values[before], tracks["status"].values[before + 1])
+    status = worst_status([tracks["status"].values[before], tracks["status"].values[before + 1]])
     status = np.where(np.isnan(position).any(axis=-1) & (status == Status.OK), Status.LOST, status)
     moved = tracks.isel(time=np.zeros(want.size, dtype=int)).assign_coords(time=("time", want, {"units": "s"}))
     moved = moved[["position", "position_covariance", "status"]]
@@ -121,9 +121,3 @@ def _move_to_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack
     moved["position_covariance"] = moved["position_covariance"].copy(data=covariance)
     moved["status"] = moved["status"].copy(data=status.astype(np.int8))
     return moved, True
-
-
-def _worse(first: IntArray, second: IntArray) -> IntArray:
-    """The status that says more against a sample: missing before unreliable before ok."""
-    severity = np.array([0, 2, 3, 1])
-    return np.where(severity[first] >= severity[second], first, second)

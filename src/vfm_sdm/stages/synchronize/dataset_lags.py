@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import Status, check_displacement, check_tracks
+from vfm_sdm.core.datasets import check_displacement, check_tracks, trusted_values
 from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize.lag import Synchronization, estimate_lag
@@ -59,9 +58,9 @@ def estimate_view_lag(
     pairs = [((2 * i, 2 * i + 1), (2 * i, 2 * i + 1)) for i in range(len(chosen))]
     return estimate_lag(
         tracks_a["time"].values,
-        _trusted(tracks_a.sel(point=chosen), "position"),
+        _trusted_columns(tracks_a.sel(point=chosen), "position"),
         tracks_b["time"].values,
-        _trusted(tracks_b.sel(point=chosen), "position"),
+        _trusted_columns(tracks_b.sel(point=chosen), "position"),
         search_s=search_s,
         start_lag_s=start_lag_s,
         start_std_s=start_std_s,
@@ -172,7 +171,7 @@ def estimate_sensor_lag(
     channels = len(pairs) * len(axes)
     return estimate_lag(
         displacement["time"].values,
-        _trusted(seen, "displacement"),
+        _trusted_columns(seen, "displacement"),
         reference["time"].values,
         sensed.values.reshape(sensed.sizes["time"], -1),
         search_s=search_s,
@@ -184,8 +183,6 @@ def estimate_sensor_lag(
     )
 
 
-def _trusted(dataset: xr.Dataset, name: str) -> FloatArray:
-    """Values of a variable, NaN where the status is not ok; (T, P, n) to (T, P n)."""
-    ok = dataset["status"].values == Status.OK
-    values = np.where(ok[..., None], dataset[name].values, np.nan)
-    return np.asarray(values.reshape(len(values), -1))
+def _trusted_columns(dataset: xr.Dataset, name: str) -> FloatArray:
+    """Values of a variable (T, P, n) as columns (T, P n), NaN where the status is not ok."""
+    return trusted_values(dataset, name).reshape(dataset.sizes["time"], -1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import fftconvolve
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, as_float_array
+from vfm_sdm.core.arrays import BoolArray, FloatArray, as_float_array, mean_of_known
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.resampling import interpolate_runs
 
@@ -116,7 +116,7 @@ def prepare_signal(time_s: FloatArray, values: FloatArray, *, rate_hz: float, ba
     columns = [interpolate_runs(time_s, column[:, None], grid, longest_step_s=longest) for column in values.T]
     sampled = np.hstack(columns)
     valid = np.isfinite(sampled)
-    level = np.where(valid.any(axis=0), np.nanmean(np.where(valid.any(axis=0), sampled, 0.0), axis=0), 0.0)
+    level = np.nan_to_num(mean_of_known(sampled))
     filled = np.where(valid, sampled - level, 0.0)
     smooth, near = _weighted_mean(filled, valid, rate_hz * _gaussian_width(band_hz[1], np.sqrt(0.5)))
     drift, wide = _weighted_mean(filled, valid, rate_hz * _gaussian_width(band_hz[0], 1 - np.sqrt(0.5)))

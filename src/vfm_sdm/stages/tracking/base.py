@@ -1,11 +1,12 @@
 """What a tracker is, and how one is found by name; `vfm_sdm.core.parts` lists them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import find, make
 from vfm_sdm.inputs.session import Method
 from vfm_sdm.inputs.video import Video
@@ -25,7 +26,7 @@ class Tracker(Protocol):
         *,
         names: Sequence[str],
         reference_frame: int = 0,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress | None = None,
     ) -> xr.Dataset:
         """Tracks dataset of the view (see `vfm_sdm.core.datasets`), every frame registered to the reference frame.
 
@@ -40,7 +41,7 @@ class Tracker(Protocol):
         reference_frame
             Index of the frame in which ``points2d`` are given.
         progress
-            Called with the number of frames done so far.
+            Called with ``tracking``, the number of frames done so far and that of all.
         """
         ...
 

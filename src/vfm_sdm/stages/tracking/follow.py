@@ -8,19 +8,16 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.stages.registration.kernels import FAILED
-from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset
+from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, DISTINCT_PX, correlation_peaks, cut_subset, has_rival
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
 
-__all__ = ["AMBIGUITY_MARGIN", "LOOK_ALIKE", "FollowSettings", "Follower"]
+__all__ = ["LOOK_ALIKE", "FollowSettings", "Follower"]
 
-AMBIGUITY_MARGIN = 0.05
-"""Two places are equally good when their correlations differ by less."""
 LOOK_ALIKE = 0.9
 """Correlation of another place in the reference frame from which on a subset counts as repeated."""
 
 _BORDER_PX = 5.0  # a subset that vanishes further from the border, and was not moving there, has not left the image
-_DISTINCT_PX = 2.0  # registrations that end closer to each other found the same place
-_SAFE_PX = _DISTINCT_PX / 2
+_SAFE_PX = DISTINCT_PX / 2
 _PEAKS = 4  # places that a search tries: the best, and rivals that would make it ambiguous
 _PEAKS_IN_REFERENCE = 12  # more, because the nearest look-alike counts there, not the best
 
@@ -133,8 +130,7 @@ class Follower:
                 found[p] = True
                 continue
             winner = mine[score.argmax()]
-            apart = np.hypot(*(tried.warps[mine, :2] - tried.warps[winner, :2]).T) > _DISTINCT_PX
-            if not (apart & (score >= best - AMBIGUITY_MARGIN)).any():
+            if not has_rival(score, tried.warps[mine, :2], int(score.argmax())):
                 found[p] = True
                 raw.warps[p], raw.outcome[p] = tried.warps[winner], tried.outcome[winner]
 
@@ -151,7 +147,7 @@ class Follower:
             identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(owners), 1))
             tried = self._register(self._reference, owners, np.concatenate([centers, identity], axis=1))
             away = np.hypot(*(tried.warps[:, :2] - home[owners]).T)
-            alike = tried.converged & (tried.correlation >= LOOK_ALIKE) & (away > _DISTINCT_PX)
+            alike = tried.converged & (tried.correlation >= LOOK_ALIKE) & (away > DISTINCT_PX)
             self._reach[unknown] = self._settings.search_radius_px
             np.minimum.at(self._reach, owners[alike], away[alike] / 2)
         return (moved <= _SAFE_PX) | (moved <= self._reach)

@@ -1,12 +1,13 @@
 """Hybrid trackers: a network follows the points, and subset registration measures them to a fraction of a pixel."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.session import Network
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.tracking.base import find_tracker
@@ -66,7 +67,7 @@ class HybridTracker:
         *,
         names: Sequence[str],
         reference_frame: int = 0,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress | None = None,
     ) -> xr.Dataset:
         """Tracks of named points.
 
@@ -81,7 +82,7 @@ class HybridTracker:
         reference_frame
             Index of the frame in which ``points2d`` are given.
         progress
-            Called with the number of frames done so far.
+            Called with ``tracking``, the number of frames done so far and that of all.
 
         Returns
         -------
@@ -93,13 +94,17 @@ class HybridTracker:
         DatasetError
             Points lie outside the image, names are not distinct, or there is no such reference frame.
         """
-        shown = None if progress is None else lambda done: progress((done + 1) // 2)
-        followed = self.follower.track(video, points2d, names=names, reference_frame=reference_frame, progress=shown)
+        followed = self.follower.track(
+            video, points2d, names=names, reference_frame=reference_frame, progress=_in_halves(progress, 0)
+        )
         expected = followed["position"].values
-        count = len(expected)
-        shown = None if progress is None else lambda done: progress((count + 1) // 2 + done - (done + 1) // 2)
         tracks = self.registration_tracker.track(
-            video, points2d, names=names, reference_frame=reference_frame, progress=shown, expected=expected
+            video,
+            points2d,
+            names=names,
+            reference_frame=reference_frame,
+            progress=_in_halves(progress, len(expected)),
+            expected=expected,
         )
         disagreement = np.linalg.norm(tracks["position"].values - expected, axis=2)
         status = tracks["status"]
@@ -109,3 +114,10 @@ class HybridTracker:
         return tracks.assign(disagreement=(("time", "point"), disagreement, {"units": "px"})).assign_attrs(
             tracker=self.name, **attrs
         )
+
+
+def _in_halves(progress: Progress | None, before: int) -> Progress | None:
+    """Progress in which a frame counts half, after some were done in an earlier pass."""
+    if progress is None:
+        return None
+    return lambda what, done, total: progress(what, (before + done + 1) // 2, total)

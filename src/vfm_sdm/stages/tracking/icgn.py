@@ -9,6 +9,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, check_subset_px
 from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
@@ -116,7 +117,7 @@ class IcgnTracker:
         *,
         names: Sequence[str],
         reference_frame: int = 0,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress | None = None,
         expected: FloatArray | None = None,
     ) -> xr.Dataset:
         """Tracks of named points, every frame registered to the reference frame.
@@ -132,7 +133,7 @@ class IcgnTracker:
         reference_frame
             Index of the frame in which ``points2d`` are given.
         progress
-            Called with the number of frames done so far.
+            Called with ``tracking``, the number of frames done so far and that of all.
         expected
             Where another tracker saw the points, shape (T, P, 2) [px]: registrations start there, unless it is NaN.
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray, as_float_array
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.inputs.video import Frame, Video
 
@@ -100,7 +101,7 @@ def follow_frames(
     video: Video,
     reference_frame: int,
     begin: Callable[[LumaArray], Callable[[LumaArray], None]],
-    progress: Callable[[int], None] | None,
+    progress: Progress | None,
 ) -> FloatArray:
     """Time stamps of all frames, after each was handed to a tracker, shape (T,) [s].
 
@@ -113,7 +114,7 @@ def follow_frames(
     begin
         Called with the luma of the reference frame, shape (H, W); returns what is called with that of each frame.
     progress
-        Called with the number of frames done so far.
+        Called with ``tracking``, the number of frames done so far and that of all.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def follow_frames(
         advance(frame.luma)
         time_s.append(frame.time_s)
         if progress is not None:
-            progress(len(time_s))
+            progress("tracking", len(time_s), video.info.frame_count)
     if not time_s:
         raise DatasetError("video: expected at least one frame, got none; check the file")
     return np.array(time_s)

@@ -1,7 +1,7 @@
 """Points followed by a network through patches around them, chunk by chunk, and the status of what it finds."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -11,6 +11,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Network
 from vfm_sdm.inputs.video import RgbArray, Video
@@ -122,7 +123,7 @@ class NetworkTracker(ABC):
         *,
         names: Sequence[str],
         reference_frame: int = 0,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress | None = None,
     ) -> xr.Dataset:
         """Tracks of named points; `follow_with_network` says how their status is found.
 
@@ -137,7 +138,7 @@ class NetworkTracker(ABC):
         reference_frame
             Index of the frame in which ``points2d`` are given.
         progress
-            Called with the number of frames done so far.
+            Called with ``tracking``, the number of frames done so far and that of all.
 
         Returns
         -------
@@ -176,7 +177,7 @@ def follow_with_network(
     *,
     names: Sequence[str],
     reference_frame: int = 0,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Tracks of named points through a network.
 
@@ -224,7 +225,7 @@ def follow_with_network(
         for follower in followers:
             follower.feed(frame.color(follower.patch.region), before=frame.index < reference_frame)
         if progress is not None:
-            progress(len(time_s))
+            progress("tracking", len(time_s), video.info.frame_count)
     if reference_frame >= len(time_s):
         raise DatasetError(
             f"reference_frame: expected a frame {reference_frame}, got a video of {len(time_s)} frames; "

@@ -9,10 +9,10 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
-from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset
+from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset, has_rival
 from vfm_sdm.stages.registration.subsets import SubsetBank, check_subset_px
-from vfm_sdm.stages.tracking.follow import AMBIGUITY_MARGIN
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
 
 __all__ = ["DIVISIONS", "TemplateTracker"]
@@ -21,7 +21,6 @@ DIVISIONS = 16
 """Resolution of the tracker: parts of a pixel (paper, section Quantitative results)."""
 
 _PEAKS = 4
-_DISTINCT_PX = 2.0
 
 _Located = tuple[FloatArray, FloatArray, FloatArray, IntArray]
 """Positions, covariances, correlations and status codes of one frame."""
@@ -98,7 +97,7 @@ class TemplateTracker:
         *,
         names: Sequence[str],
         reference_frame: int = 0,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress | None = None,
     ) -> xr.Dataset:
         """Tracks of named points, every frame compared with the reference frame.
 
@@ -113,7 +112,7 @@ class TemplateTracker:
         reference_frame
             Index of the frame in which ``points2d`` are given.
         progress
-            Called with the number of frames done so far.
+            Called with ``tracking``, the number of frames done so far and that of all.
 
         Returns
         -------
@@ -204,12 +203,11 @@ class _TemplateSet:
         if not best >= tracker.minimum_correlation:
             return Status.LOST
         winner = int(correlation.argmax())
-        apart = np.hypot(*(places - places[winner]).T) > _DISTINCT_PX
         half = tracker.subset_px // 2
         limit = np.array(luma.shape[::-1]) - 1 - half
         if (peaks[winner] <= half).any() or (peaks[winner] >= limit).any():
             return Status.OUTSIDE
         at_margin = np.abs(peaks[winner] - self._bank.centers[p]).max() >= tracker.roi_margin_px
-        if at_margin or (apart & (correlation >= best - AMBIGUITY_MARGIN)).any():
+        if at_margin or has_rival(correlation, places, winner):
             return Status.LOST
         return Status.OK if best >= tracker.reliable_correlation else Status.UNRELIABLE

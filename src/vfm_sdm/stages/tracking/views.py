@@ -1,6 +1,6 @@
 """All points tracked in every view, each view on its own clock (A of Figure 4)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -49,16 +49,14 @@ def track_views(
     """
     tracks = {}
     for view, video in videos.items():
-        found = _track_view(video, points.sel(view=view), tracker, _frames_done(view, video, progress))
+        found = _track_view(video, points.sel(view=view), tracker, _named(progress, view))
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
         tracks[view] = include_track_noise(found)
         tracks[view].attrs["recording"] = {**asdict(video.report), "bits_per_pixel": _bits_per_pixel(video)}
     return tracks
 
 
-def _track_view(
-    video: Video, points: xr.Dataset, tracker: Tracker, progress: Callable[[int], None] | None
-) -> xr.Dataset:
+def _track_view(video: Video, points: xr.Dataset, tracker: Tracker, progress: Progress | None) -> xr.Dataset:
     """Tracks of one view; rows of NaN and status lost for the points that have no position."""
     names = [str(name) for name in points["point"].values]
     positions = points["position"].transpose("point", "pixel").values
@@ -78,11 +76,9 @@ def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:
     return make_tracks(time_s, names, *nothing, np.full(shape, Status.LOST), attrs={})
 
 
-def _frames_done(view: str, video: Video, progress: Progress | None) -> Callable[[int], None] | None:
-    """Progress of one view, called with the number of frames done."""
-    if progress is None:
-        return None
-    return lambda done: progress(f"tracking {view}", done, video.info.frame_count)
+def _named(progress: Progress | None, view: str) -> Progress | None:
+    """Progress that also says which view it is about."""
+    return None if progress is None else lambda what, done, total: progress(f"{what} {view}", done, total)
 
 
 def _bits_per_pixel(video: Video) -> float:

@@ -109,12 +109,7 @@ class MethodRun:
 
 def prepare_field_test(folder: Path, plan: Preset, *, progress: Progress | None = None) -> FieldTest:
     """The field test, made where it is not on disk yet, with its accelerometers' displacement."""
-
-    def step(done: int, total: int) -> None:
-        if progress is not None:
-            progress(f"filming {plan.name}", done, total)
-
-    session = read_session(make_field_test(folder, plan, progress=step))
+    session = read_session(make_field_test(folder, plan, progress=progress))
     reference = None
     if session.sensor:
         paths = [session.resolve(sensor.file) for sensor in session.sensor]

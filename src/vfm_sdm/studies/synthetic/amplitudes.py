@@ -1,4 +1,4 @@
-"""Forces scaled so that a structure swings as far as one that was measured."""
+"""Forces that are scaled so that the virtual structure swings as far as a measured one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from vfm_sdm.studies.synthetic.excitation import BendingMode, ForcedMotion
 __all__ = ["PeakToPeak", "compute_peak_to_peak", "scale_to_amplitudes"]
 
 _BAND_HZ = (1.0, 10.0)
-"""What an accelerometer's double integration leaves."""
+"""Band that an accelerometer's double integration leaves [Hz]."""
 _RATE_HZ = 240
 _SETTLING_S = 3.0
 _LARGEST_RATIO = 30.0
@@ -42,7 +42,19 @@ class PeakToPeak:
 
 
 def compute_peak_to_peak(motion: ForcedMotion, *, axis: str, station: float, duration_s: float) -> float:
-    """Peak-to-peak displacement between 1 and 10 Hz at a share of the span, from 0 s to ``duration_s`` [mm]."""
+    """Peak-to-peak displacement between 1 and 10 Hz of a cross-section [mm].
+
+    Parameters
+    ----------
+    motion
+        Motion of the structure.
+    axis
+        ``lateral`` or ``vertical``.
+    station
+        Share of the span [1].
+    duration_s
+        End of the interval, which begins at 0 s [s].
+    """
     modes, shapes, swing = _swing(motion, axis, [station], duration_s)
     gains = np.array([mode.gain for mode in modes])
     return float(1e3 * np.ptp(swing @ (gains * shapes[0])))
@@ -56,12 +68,12 @@ def scale_to_amplitudes(
     Parameters
     ----------
     motion
-        Its modes of that axis get new gains: modes with an odd number of half waves a common one, those with an even
-        number another.
+        Motion of the structure. Its modes of the targets' axis get new gains: modes with an odd number of half waves a
+        common one, those with an even number another.
     targets
-        At two stations along the same axis.
+        Peak-to-peak amplitudes [mm] at two stations along the same axis.
     duration_s
-        Of the recording, which starts at 0 s [s].
+        Duration of the recording, which starts at 0 s [s].
 
     Raises
     ------
@@ -72,6 +84,17 @@ def scale_to_amplitudes(
     -----
     Displacement is linear in the gains, so that the ratio of both amplitudes depends on the ratio of the gains only.
     The smallest ratio that fits is taken.
+
+    Examples
+    --------
+    >>> from vfm_sdm.studies.synthetic.pedestrians import Pedestrian
+    >>> modes = BendingMode("vertical", 2.3, 19e3), BendingMode("vertical", 6.9, 19e3, half_waves=2)
+    >>> people = (Pedestrian("jumping", 75, 2.2, 0.5, 0.4),)
+    >>> motion = ForcedMotion(modes, people, support_m=0, span_m=28, duration_s=9)
+    >>> targets = PeakToPeak("vertical", 0.25, 9.0), PeakToPeak("vertical", 0.5, 11.0)
+    >>> scaled = scale_to_amplitudes(motion, targets, duration_s=6)
+    >>> round(compute_peak_to_peak(scaled, axis="vertical", station=0.25, duration_s=6), 3)
+    9.0
     """
     first, second = targets
     if first.axis != second.axis:

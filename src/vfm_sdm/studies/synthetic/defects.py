@@ -1,4 +1,4 @@
-"""What optics, light and a phone's processing do to frames, each as a function of one frame of luma.
+"""Effects of optics, light and a phone's processing on frames, each as a function of one frame of luma.
 
 Frames are float32, shape (H, W), in luma units of 8-bit video, not rounded; black is 16 and white 235. Every function
 returns a new frame. Lengths in pixels are of the frame at hand, so they scale with its width.
@@ -53,7 +53,7 @@ class Glare:
     wander
         Standard deviation of the slow movement of its middle as a share of the width.
     seed
-        Of that movement.
+        Seed of that movement.
 
     Raises
     ------
@@ -89,7 +89,7 @@ class Stabilization:
     roll_std_deg
         Standard deviation of the rotation about the frame's centre [deg].
     seed
-        Of both.
+        Seed of both.
 
     Raises
     ------
@@ -111,12 +111,26 @@ class Stabilization:
 
 
 def defocus(luma: Frame, sigma_px: float) -> Frame:
-    """The frame through a Gaussian point spread of this standard deviation; 0 leaves it as it is.
+    """The frame through a Gaussian point spread.
+
+    Parameters
+    ----------
+    luma
+        The frame, shape (H, W), in luma units of 8-bit video.
+    sigma_px
+        Standard deviation of the point spread [px]; 0 leaves the frame as it is.
 
     Raises
     ------
     DatasetError
         The standard deviation is negative.
+
+    Examples
+    --------
+    >>> luma = np.zeros((9, 9), np.float32)
+    >>> luma[4, 4] = 100.0
+    >>> round(float(defocus(luma, 1.0)[4, 4]), 1)
+    15.9
     """
     _check_not_negative("sigma_px", sigma_px)
     if sigma_px == 0:
@@ -133,11 +147,17 @@ def add_glare(luma: Frame, glare: Glare, *, time_s: float) -> Frame:
     Parameters
     ----------
     luma
-        The frame.
+        The frame, shape (H, W), in luma units of 8-bit video.
     glare
-        ``a = strength (floor + (1 - floor) exp(-r^2 / 2 radius^2))``.
+        Settings of ``a = strength (floor + (1 - floor) exp(-r^2 / 2 radius^2))``.
     time_s
-        When; the veil's middle wanders slowly [s].
+        Time of the frame [s]; the veil's middle wanders slowly.
+
+    Examples
+    --------
+    >>> dark = np.full((48, 64), 16.0, np.float32)
+    >>> bool(add_glare(dark, Glare(0.5), time_s=0.0).max() <= 16 + 0.5 * (235 - 16))
+    True
     """
     height, width = luma.shape
     offset = glare.wander * _wandering([time_s], _WANDER_HZ, seed=glare.seed)[0]
@@ -153,12 +173,24 @@ def add_glare(luma: Frame, glare: Glare, *, time_s: float) -> Frame:
 
 
 def lower_light(luma: Frame, gain: float) -> Frame:
-    """The frame with ``gain`` times the light; noise that is added afterwards weighs more.
+    """The frame with less light; noise that is added afterwards weighs more.
+
+    Parameters
+    ----------
+    luma
+        The frame, shape (H, W), in luma units of 8-bit video.
+    gain
+        Share of the light that is left [1].
 
     Raises
     ------
     DatasetError
         The gain is not in (0, 1].
+
+    Examples
+    --------
+    >>> float(lower_light(np.full((2, 2), 116.0, np.float32), 0.5)[0, 0])
+    66.0
     """
     if not 0 < gain <= 1:
         raise DatasetError(
@@ -173,16 +205,22 @@ def sharpen(luma: Frame, amount: float, *, sigma_px: float = 1.0) -> Frame:
     Parameters
     ----------
     luma
-        The frame.
+        The frame, shape (H, W), in luma units of 8-bit video.
     amount
-        0 leaves it as it is [1].
+        Strength of the mask [1]; 0 leaves the frame as it is.
     sigma_px
-        Of the Gaussian blur [px].
+        Standard deviation of the Gaussian blur [px].
 
     Raises
     ------
     DatasetError
         The amount or the standard deviation is negative.
+
+    Examples
+    --------
+    >>> luma = np.repeat([[50.0, 50.0, 50.0, 100.0, 100.0, 100.0]], 6, axis=0).astype(np.float32)
+    >>> sharpen(luma, 0.8)[3].round().tolist()
+    [50.0, 48.0, 38.0, 112.0, 102.0, 100.0]
     """
     _check_not_negative("amount", amount)
     sharp: Frame = np.asarray(cv2.addWeighted(luma, 1 + amount, defocus(luma, sigma_px), -amount, 0))
@@ -196,23 +234,35 @@ def compute_stabilization_path(
     *,
     image_size: tuple[int, int],
 ) -> FloatArray:
-    """How each frame is moved, as maps from its pixels to those of the written frame, shape (T, 2, 3).
+    """Movement of each frame, as affine maps from its pixels to those of the written frame.
 
     Parameters
     ----------
     time_s
-        Shape (T,) [s].
+        Times of the frames, shape (T,) [s].
     scene_motion_px
         Image displacement of what dominates the picture, shape (T, 2) [px].
     stabilization
-        The path is ``-follow`` times that motion, plus a smooth wandering and roll.
+        Settings of the path: ``-follow`` times that motion, plus a smooth wandering and roll.
     image_size
-        Width and height; the roll is about the centre [px].
+        Width and height [px]; the roll is about the centre.
+
+    Returns
+    -------
+    path
+        Affine maps, shape (T, 2, 3) [1 and px].
 
     Raises
     ------
     DatasetError
         A shape is wrong.
+
+    Examples
+    --------
+    >>> still = Stabilization(follow=0.5, drift_px=0.0, roll_std_deg=0.0)
+    >>> path = compute_stabilization_path([0.0, 0.1], [[0.0, 0.0], [2.0, -1.0]], still, image_size=(64, 48))
+    >>> path[1].tolist()
+    [[1.0, -0.0, -1.0], [0.0, 1.0, 0.5]]
     """
     time = as_float_array(time_s, "time_s", (None,))
     motion = as_float_array(scene_motion_px, "scene_motion_px", (len(time), 2))
@@ -227,14 +277,30 @@ def compute_stabilization_path(
 
 
 def warp(luma: Frame, affine: npt.ArrayLike) -> Frame:
-    """The frame moved by an affine map of its pixels to the new ones, shape (2, 3), by cubic interpolation.
+    """The frame moved by an affine map of its pixels to the new ones, by cubic interpolation.
 
-    Places are rounded to 1/32 px, as OpenCV does.
+    Parameters
+    ----------
+    luma
+        The frame, shape (H, W), in luma units of 8-bit video.
+    affine
+        Map of pixels, shape (2, 3) [1 and px].
 
     Raises
     ------
     DatasetError
         The map has another shape.
+
+    Notes
+    -----
+    Places are rounded to 1/32 px, as OpenCV does.
+
+    Examples
+    --------
+    >>> luma = np.zeros((5, 5), np.float32)
+    >>> luma[2, 2] = 100.0
+    >>> float(warp(luma, [[1, 0, 1], [0, 1, 0]])[2, 3])
+    100.0
     """
     matrix = as_float_array(affine, "affine", (2, 3))
     size = luma.shape[::-1]
@@ -247,12 +313,24 @@ def warp(luma: Frame, affine: npt.ArrayLike) -> Frame:
 def compute_exposure_times(time_s: float, exposure_s: float, samples: int) -> FloatArray:
     """Instants whose frames have the exposed one as their mean, shape (samples,) [s].
 
-    They are the middles of equal parts of the exposure, and ``time_s`` is the middle of all.
+    Parameters
+    ----------
+    time_s
+        Middle of the exposure [s].
+    exposure_s
+        Duration of the exposure [s].
+    samples
+        Number of instants: the middles of equal parts of the exposure.
 
     Raises
     ------
     DatasetError
         The exposure is negative, or there is no sample.
+
+    Examples
+    --------
+    >>> compute_exposure_times(1.0, 0.02, 2).round(6).tolist()
+    [0.995, 1.005]
     """
     if not (exposure_s >= 0 and samples >= 1):
         raise DatasetError(
@@ -262,12 +340,24 @@ def compute_exposure_times(time_s: float, exposure_s: float, samples: int) -> Fl
 
 
 def compute_row_delays(height: int, read_out_s: float) -> FloatArray:
-    """When a rolling shutter reads each row, relative to the middle of the frame, shape (height,) [s].
+    """Times at which a rolling shutter reads each row, relative to the middle of the frame, shape (height,) [s].
+
+    Parameters
+    ----------
+    height
+        Number of rows [px].
+    read_out_s
+        Duration of the read-out of all rows [s].
 
     Raises
     ------
     DatasetError
         There is no row, or the read-out time is negative.
+
+    Examples
+    --------
+    >>> compute_row_delays(4, 0.01).round(6).tolist()
+    [-0.00375, -0.00125, 0.00125, 0.00375]
     """
     if not (height >= 1 and read_out_s >= 0):
         raise DatasetError(f"rows: expected at least one and >= 0 s, got {height} and {read_out_s} s; correct them")

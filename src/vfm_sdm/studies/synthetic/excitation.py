@@ -33,7 +33,7 @@ class BendingMode:
     frequency_hz
         Natural frequency without damping [Hz].
     modal_mass_kg
-        For a shape whose largest value is about 1; half the mass of the span for pinned ends [kg].
+        Modal mass for a shape whose largest value is about 1; half the mass of the span for pinned ends [kg].
     damping_ratio
         Share of critical damping [1].
     half_waves
@@ -74,7 +74,23 @@ class BendingMode:
             )
 
     def shape(self, station: FloatArray) -> FloatArray:
-        """Relative amplitude at stations from 0 to 1 between the supports, any shape [1]."""
+        """Relative amplitude at places between the supports.
+
+        Parameters
+        ----------
+        station
+            Share of the span, from 0 at the first support to 1 at the second, shape (...) [1].
+
+        Returns
+        -------
+        amplitude
+            Shape (...) [1].
+
+        Examples
+        --------
+        >>> BendingMode("vertical", 2.3, 19e3).shape(np.array([0.0, 0.5, 1.0])).round(6).tolist()
+        [0.0, 1.0, 0.0]
+        """
         ends = 1 - self.end_restraint * (1 - np.sin(np.pi * station))
         return np.asarray(np.sin(self.half_waves * np.pi * station) * ends)
 
@@ -85,7 +101,7 @@ class BendingMode:
 
 
 def integrate_modes(force: FloatArray, modes: tuple[BendingMode, ...], *, step_s: float) -> FloatArray:
-    """Modal coordinates with their first two derivatives, from rest, shape (3, T, M) [m, m/s, m/s2].
+    """Modal coordinates with their first two derivatives, starting from rest.
 
     Parameters
     ----------
@@ -96,12 +112,25 @@ def integrate_modes(force: FloatArray, modes: tuple[BendingMode, ...], *, step_s
     step_s
         Length of a step [s].
 
+    Returns
+    -------
+    coordinates
+        Values, velocities and accelerations, shape (3, T, M) [m, m/s, m/s2].
+
     Notes
     -----
     ``q'' + 2 zeta omega q' + omega^2 q = gain f / m = u`` is one complex equation of first order: with
     ``lambda = omega (-zeta + i sqrt(1 - zeta^2))`` and ``y = q' - conj(lambda) q`` it reads ``y' = lambda y + u``. For
     a force that is linear within a step h its solution is exactly ``y[k+1] = e^z y[k] + h (phi1 - phi2) u[k] +
     h phi2 u[k+1]`` with ``z = lambda h``, ``phi1 = (e^z - 1) / z`` and ``phi2 = (phi1 - 1) / z``.
+
+    Examples
+    --------
+    >>> mode = BendingMode("vertical", 1.0, 1000.0, damping_ratio=0.7)
+    >>> q = integrate_modes(np.full((5000, 1), 100.0), (mode,), step_s=0.002)
+    >>> static_m = 100.0 / (1000.0 * (2 * np.pi) ** 2)
+    >>> round(float(q[0, -1, 0] / static_m), 4)
+    1.0
     """
     result = np.zeros((3, *force.shape))
     for number, mode in enumerate(modes):
@@ -128,11 +157,11 @@ class ForcedMotion:
     modes
         Bending modes, lateral and vertical.
     people
-        Each stands at its place until its own start.
+        People on the deck, each of whom stands at a place until an own start.
     support_m, span_m
         Longitudinal coordinate of the first support, and distance to the second [m].
     duration_s
-        Until when the motion is known [s].
+        Time until which the motion is known [s].
     neutral_axis_m
         Height of the neutral axis of bending above the bearings, which makes the structure slide on them [m].
 
@@ -167,11 +196,23 @@ class ForcedMotion:
 
     @property
     def still_s(self) -> float:
-        """Until when the structure is exactly at rest [s]."""
+        """Time until which the structure is exactly at rest [s]."""
         return min(person.start_s for person in self.people)
 
     def displacement(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
-        """Along the structural axes at times (T,) [s] of points at rest (P, 3) [m], shape (T, P, 3) [m].
+        """Displacement of points of the structure.
+
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        positions
+            Points at rest in the world frame, shape (P, 3) [m].
+
+        Returns
+        -------
+        displacement
+            Displacement along the structural axes, shape (T, P, 3) [m].
 
         Raises
         ------
@@ -181,20 +222,76 @@ class ForcedMotion:
         return self._evaluate(time_s, positions, 0)
 
     def velocity(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
-        """As `displacement`, its first derivative by time [m/s]."""
-        return self._evaluate(time_s, positions, 1)
+        """First derivative of the displacement by time.
 
-    def acceleration(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
-        """As `displacement`, its second derivative by time [m/s2]."""
-        return self._evaluate(time_s, positions, 2)
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        positions
+            Points at rest in the world frame, shape (P, 3) [m].
 
-    def modal_coordinates(self, time_s: npt.ArrayLike, *, derivative: int = 0) -> FloatArray:
-        """Modal coordinates or their derivatives by time, shape (T, M) [m/s**derivative].
+        Returns
+        -------
+        velocity
+            Velocity along the structural axes, shape (T, P, 3) [m/s].
 
         Raises
         ------
         DatasetError
-            The shape is wrong, or a time is after ``duration_s``.
+            A shape is wrong, or a time is after ``duration_s``.
+        """
+        return self._evaluate(time_s, positions, 1)
+
+    def acceleration(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
+        """Second derivative of the displacement by time.
+
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        positions
+            Points at rest in the world frame, shape (P, 3) [m].
+
+        Returns
+        -------
+        acceleration
+            Acceleration along the structural axes, shape (T, P, 3) [m/s2].
+
+        Raises
+        ------
+        DatasetError
+            A shape is wrong, or a time is after ``duration_s``.
+        """
+        return self._evaluate(time_s, positions, 2)
+
+    def modal_coordinates(self, time_s: npt.ArrayLike, *, derivative: int = 0) -> FloatArray:
+        """Modal coordinates, or their derivatives by time.
+
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        derivative
+            Order of the derivative.
+
+        Returns
+        -------
+        coordinates
+            Shape (T, M) [m/s**derivative], for M modes.
+
+        Raises
+        ------
+        DatasetError
+            A shape is wrong, or a time is after ``duration_s``.
+
+        Examples
+        --------
+        >>> mode = BendingMode("vertical", 2.3, 19e3)
+        >>> people = (Pedestrian("jumping", 75, 2.2, 0.5, 0.4),)
+        >>> motion = ForcedMotion((mode,), people, support_m=0, span_m=28, duration_s=2)
+        >>> motion.modal_coordinates([0.0, 0.5]).tolist()
+        [[0.0], [0.0]]
         """
         time = as_float_array(time_s, "time_s", (None,))
         if not np.all(time <= self.duration_s):
@@ -226,7 +323,7 @@ class ForcedMotion:
             acting = person.force(time)
             station = person.stations(time, span_m=self.span_m)
             for number, mode in enumerate(self.modes):
-                # Beyond what the person's weight did at rest.
+                # Less the force of the person's weight at rest.
                 modal = acting[:, _FORCE_AXES.index(mode.axis)] * mode.shape(station)
                 force[:, number] += modal - modal[0]
         return _hermite(time, integrate_modes(force, self.modes, step_s=step))

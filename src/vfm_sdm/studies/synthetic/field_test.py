@@ -13,7 +13,8 @@ import xarray as xr
 from vfm_sdm import __version__
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.netcdf import read_displacement, write_dataset
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import (
@@ -40,9 +41,6 @@ from vfm_sdm.studies.synthetic.scene import Scene
 from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
 __all__ = ["demo_plan", "make_demo", "make_field_test"]
-
-Progress = Callable[[int, int], None]
-"""Called with the number of frames written so far and the number of all."""
 
 _VIEWS = ("left", "right")
 _SHORTEST_S = 0.5
@@ -73,7 +71,7 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
     plan
         What to film; the same plan gives the same bytes.
     progress
-        Called with the number of frames written so far and the number of all.
+        Called with what is filmed, the number of frames written so far and the number of all.
 
     Raises
     ------
@@ -93,24 +91,24 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
         for number, video in enumerate(videos):
             if films[number] != _film_hash(plan, number):
                 (target / video).unlink(missing_ok=True)
-        with replace_file(target / "truth.nc") as temporary:
-            _truth(plan).to_netcdf(temporary, engine="h5netcdf")
+        write_dataset(target / "truth.nc", _truth(plan))
         for number in range(len(plan.accelerometers)):
             _write_sensor(target, plan, number)
         # What a camera calibrated beforehand would be taken from.
         cameras = Rig.from_world(_VIEWS, plan.site.cameras(), metric=True)
         write_rig(target / "cameras_true.toml", replace(cameras, covariance=np.zeros(2 * [len(_VIEWS) * _PARAMETERS])))
+    except ResultsError:
+        raise
     except OSError as error:
         raise ResultsError(f"{target}: expected to write to this folder, got: {error}; choose another") from error
     missing = [view for view, video in enumerate(videos) if not (target / video).exists()]
     scene = _scene(plan.site, plan.seed) if missing else None
     for view, video in enumerate(videos):
-        done, total = view * plan.frames, len(videos) * plan.frames
         path = target / video
         if scene is not None and view in missing:
             frames, chroma = film_view(plan, scene, view)
             options = {"crf": str(plan.recordings[view].crf), **plan.encoder}
-            write_video(path, _counted(frames, done, total, progress), fps=plan.fps, chroma=chroma, options=options)
+            write_video(path, _counted(frames, plan, view, progress), fps=plan.fps, chroma=chroma, options=options)
     # Last, so that a folder whose making was cut short is no session.
     return write_session(target / "session.toml", _session(plan, target))
 
@@ -184,12 +182,13 @@ def _scene(site: FootbridgeSite, seed: int) -> Scene:
 
 
 def _counted(
-    frames: Iterator[npt.NDArray[np.uint8]], done: int, total: int, progress: Progress | None
+    frames: Iterator[npt.NDArray[np.uint8]], plan: Preset, view: int, progress: Progress | None
 ) -> Iterator[npt.NDArray[np.uint8]]:
-    for number, frame in enumerate(frames):
+    """The frames of one view, each reported when it is written; the count goes on from view to view."""
+    for number, frame in enumerate(frames, start=view * plan.frames + 1):
         yield frame
         if progress is not None:
-            progress(done + number + 1, total)
+            progress(f"filming {plan.name}", number, len(_VIEWS) * plan.frames)
 
 
 def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
@@ -203,9 +202,8 @@ def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
     except OSError as error:
         raise ResultsError(f"{folder}: expected a folder to write to, got: {error}; choose another") from error
     try:
-        with xr.open_dataset(folder / "truth.nc", engine="h5netcdf") as truth:
-            return folder, [str(key) for key in np.atleast_1d(truth.attrs.get("films", ["", ""]))]
-    except (OSError, ValueError):  # absent, or not a dataset: made anew
+        return folder, [str(film) for film in read_displacement(folder / "truth.nc").attrs["films"]]
+    except (ResultsError, KeyError):  # absent, or of another kind: made anew
         return folder, ["", ""]
 
 

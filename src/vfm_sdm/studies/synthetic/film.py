@@ -1,4 +1,4 @@
-"""Frames of one view of a virtual field test: the moving scene through lens, light, shutter, sensor, processing."""
+"""Frames of one view of a virtual field test: the moving scene through lens, light, shutter, sensor and processing."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -36,16 +36,21 @@ _Luma = npt.NDArray[np.float32]
 
 
 def film_view(plan: Preset, scene: Scene, view: int) -> tuple[Iterator[npt.NDArray[np.uint8]], npt.NDArray[np.uint8]]:
-    """Frames of a view, drawn one at a time, each of shape (H, W); and its chroma, shape (2, H / 2, W / 2).
+    """Frames of a view, drawn one at a time, and its chroma.
 
     Parameters
     ----------
     plan
         The field test.
     scene
-        Its scene, `vfm_sdm.studies.synthetic.footbridge.build_footbridge`.
+        Scene of the field test, `vfm_sdm.studies.synthetic.footbridge.build_footbridge`.
     view
         0 for the reference view, 1 for the second.
+
+    Returns
+    -------
+    frames, chroma
+        Luma, shape (H, W) each, and the chroma of all frames, shape (2, H / 2, W / 2), in units of 8-bit video.
     """
     largest, fastest = _bounds(plan, view)
     renderer = Renderer(scene, plan.site.cameras()[view], reach_m=1.02 * largest + 1e-5)

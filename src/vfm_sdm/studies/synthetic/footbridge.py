@@ -1,4 +1,4 @@
-"""A footbridge seen by two cameras: girder, deck edge and railings that move, abutment, bank and trees that do not.
+"""A footbridge seen by two cameras: girder, deck edge and railings move; abutment, slope and trees do not.
 
 All places are metres in the world frame of `vfm_sdm.studies.synthetic.scene`: (lateral, vertical, longitudinal) from
 the optical centre of the reference camera.
@@ -17,7 +17,7 @@ from vfm_sdm.studies.synthetic.scene import Face, Mark, Scene, Texture, coarsest
 __all__ = ["FootbridgeSite", "build_footbridge", "make_camera"]
 
 _PIXELS_PER_WAVELENGTH = 2.6
-"""Shortest wavelength of a texture in coarsest pixels that see it."""
+"""Shortest wavelength of a texture, in sizes of the coarsest pixel that sees it."""
 _SLOPE = 0.85
 _BACKDROP_M = 33.0
 """Distance at which the trees have their natural size."""
@@ -49,6 +49,17 @@ def make_camera(
         Width and height [px].
     k1
         First radial coefficient of the distortion [1].
+
+    Returns
+    -------
+    camera
+        Camera with K, shape (3, 3) [px], and ``cam_from_world``, shape (3, 4) [m].
+
+    Examples
+    --------
+    >>> camera = make_camera(np.zeros(3), np.pi / 2, focal_px=1000.0, image_size=(640, 480))
+    >>> camera.project([10.0, 0.0, 0.0]).round(6).tolist()
+    [319.5, 239.5]
     """
     width, height = image_size
     K = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
@@ -64,8 +75,8 @@ class FootbridgeSite:
     Parameters
     ----------
     perpendicular_m, longitudinal_m
-        From the reference camera to the girder's face, and along it to the centre of the reference view [m]. The
-        reference camera is level.
+        Distance from the reference camera to the girder's face, and along it to the centre of the reference view [m].
+        The reference camera is level.
     second_center
         Optical centre of the second camera [m].
     second_target_m
@@ -85,7 +96,7 @@ class FootbridgeSite:
     backdrop_m
         Distance from the reference camera to the trees [m].
     valley
-        Whether the bridge spans a valley: the bank runs on below it, and abutments stand at both supports.
+        Whether the bridge spans a valley: the slope runs on below it, and abutments stand at both supports.
     """
 
     perpendicular_m: float = 7.0
@@ -129,13 +140,24 @@ class FootbridgeSite:
         return first, second
 
     def station(self, share: float) -> float:
-        """Longitudinal coordinate at a share of the span, 0 and 1 being the supports [m]."""
+        """Longitudinal coordinate of a cross-section [m].
+
+        Parameters
+        ----------
+        share
+            Share of the span, 0 and 1 being the supports [1].
+
+        Examples
+        --------
+        >>> FootbridgeSite(support_m=2.0, span_m=12.0).station(0.25)
+        5.0
+        """
         return self.support_m + share * self.span_m
 
 
 @dataclass(frozen=True)
 class _Material:
-    """How a surface looks; stains are counted per square metre."""
+    """Appearance of a surface; stains are counted per square metre."""
 
     mean: float
     contrast: float
@@ -236,14 +258,14 @@ def _bolts(u_m: float, rows_m: FloatArray) -> list[Mark]:
 
 
 def build_footbridge(site: FootbridgeSite, *, seed: int) -> Scene:
-    """The scene; faces that no camera of the site sees are left out.
+    """Scene of the footbridge in the structural axes [m]; faces that no camera of the site sees are left out.
 
     Parameters
     ----------
     site
         Places of footbridge and cameras.
     seed
-        Of all textures.
+        Seed of all textures.
 
     Raises
     ------
@@ -268,7 +290,7 @@ def _down(height_m: float) -> _Triple:
 
 
 def _add_girder(builder: _Builder, site: FootbridgeSite) -> None:
-    """Web plates, flanges, stiffeners and the slab's edge; the web lies at the perpendicular distance."""
+    """Adds web plates, flanges, stiffeners and the slab's edge; the web lies at the perpendicular distance."""
     X, Z, L = site.perpendicular_m, site.support_m, site.span_m
     bay = L / site.bays
     for number in range(site.bays + 1):
@@ -293,7 +315,7 @@ def _add_girder(builder: _Builder, site: FootbridgeSite) -> None:
 
 
 def _add_railings(builder: _Builder, site: FootbridgeSite) -> None:
-    """Railing on the near side of the deck, and the far kerb behind it."""
+    """Adds the railing on the near side of the deck, and the far kerb behind it."""
     X, Z, L = site.perpendicular_m, site.support_m, site.span_m
     for number in range(int(L / _POST_SPACING_M)):
         corner = (X - 0.09, -1.6, Z + (number + 0.25) * _POST_SPACING_M)
@@ -305,7 +327,7 @@ def _add_railings(builder: _Builder, site: FootbridgeSite) -> None:
 
 
 def _add_ground(builder: _Builder, site: FootbridgeSite) -> None:
-    """What stands still: the abutment's wing wall and coping, a block in front, the bank and the trees."""
+    """Adds what stands still: the abutment's wing wall and coping, a block in front, the slope and the trees."""
     X, middle = site.perpendicular_m, site.longitudinal_m
     start, run = middle - 4.5, 4.6
     slope = (0.0, 0.06 * run, run)
@@ -344,7 +366,7 @@ def _add_ground(builder: _Builder, site: FootbridgeSite) -> None:
 
 
 def _add_abutments(builder: _Builder, site: FootbridgeSite) -> None:
-    """The face below the girder's far end, and the side walls at both ends."""
+    """Adds the face below the girder's far end, and the side walls at both ends."""
     X, first, last = site.perpendicular_m, site.support_m + 0.4, site.support_m + site.span_m - 0.4
     builder.add("far abutment", (X - 0.6, 0.34, last), ((2.8, 0.0, 0.0), _down(4.5)), _SHADED_MASONRY)
     builder.add("far side wall", (X - 0.6, -0.6, last), (_along(6.0), _down(5.5)), _MASONRY)
@@ -352,7 +374,7 @@ def _add_abutments(builder: _Builder, site: FootbridgeSite) -> None:
 
 
 def _down_along(slope: _Triple, length_m: float) -> _Triple:
-    """At right angles to a slope within its vertical plane, downwards."""
+    """Vector at right angles to a slope within its vertical plane, downwards [m]."""
     run = float(np.hypot(slope[1], slope[2]))
     return (0.0, length_m * slope[2] / run, -length_m * slope[1] / run)
 

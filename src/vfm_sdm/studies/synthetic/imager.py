@@ -1,4 +1,4 @@
-"""The image sensor: light to 8-bit luma, with noise."""
+"""The image sensor, which turns light into 8-bit luma with noise."""
 
 import math
 from typing import Any
@@ -14,7 +14,7 @@ __all__ = ["LUMA_RANGE", "Imager"]
 LUMA_RANGE = (16, 235)
 """Black and white of 8-bit video."""
 _SPARE = 2
-"""Noise values kept, in multiples of a frame's pixels."""
+"""Number of noise values that are kept, in multiples of a frame's pixels."""
 
 
 class Imager:
@@ -27,7 +27,7 @@ class Imager:
     noise_std
         Standard deviation of Gaussian noise, independent from pixel to pixel and frame to frame, in luma units.
     seed
-        Of the noise; the same seed gives the same frames.
+        Seed of the noise; the same seed gives the same frames.
 
     Raises
     ------
@@ -51,12 +51,31 @@ class Imager:
         self._noise = np.float32(noise_std) * rng.standard_normal(_SPARE * count, dtype=np.float32)
 
     def expose(self, luma: npt.NDArray[np.float32], number: int) -> npt.NDArray[np.uint8]:
-        """Frame of this number, shape (H, W).
+        """A frame as the sensor gives it.
+
+        Parameters
+        ----------
+        luma
+            Luma that falls on the sensor, shape (H, W), in units of 8-bit video.
+        number
+            Number of the frame, which decides its noise.
+
+        Returns
+        -------
+        frame
+            Shape (H, W), uint8.
 
         Raises
         ------
         DatasetError
             The luma has another shape than the image.
+
+        Examples
+        --------
+        >>> imager = Imager((64, 48), noise_std=1.0)
+        >>> frame = imager.expose(np.full((48, 64), 100.0, np.float32), 0)
+        >>> frame.dtype, round(float(frame.std()))
+        (dtype('uint8'), 1)
         """
         if luma.shape != self._shape:
             raise DatasetError(f"luma: expected shape {self._shape}, got {luma.shape}; render with the same camera")

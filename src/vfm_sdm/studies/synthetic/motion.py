@@ -1,4 +1,4 @@
-"""How the virtual structure moves: what every motion offers, and the plainest one, modes that ring down."""
+"""Motion of the virtual structure: what every motion offers, and the simplest one, modes that ring down."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -26,22 +26,65 @@ class Motion(Protocol):
 
     @property
     def still_s(self) -> float:
-        """Until when the structure is exactly at rest [s]."""
+        """Time until which the structure is exactly at rest [s]."""
 
     def displacement(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
-        """Along the structural axes, for times (T,) [s] and points at rest (P, 3) [m], shape (T, P, 3) [m]."""
+        """Displacement of points of the structure.
+
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        positions
+            Points at rest in the world frame, shape (P, 3) [m].
+
+        Returns
+        -------
+        displacement
+            Displacement along the structural axes, shape (T, P, 3) [m].
+        """
 
     def acceleration(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
-        """Second derivative of the displacement by time, same shapes [m/s2]."""
+        """Second derivative of the displacement by time.
+
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        positions
+            Points at rest in the world frame, shape (P, 3) [m].
+
+        Returns
+        -------
+        acceleration
+            Acceleration along the structural axes, shape (T, P, 3) [m/s2].
+        """
 
 
 def compute_station(positions: npt.ArrayLike, *, support_m: float, span_m: float) -> FloatArray:
-    """Share of the span at which points lie, shape (P, 3) [m] to (P,) [1]; 0 and 1 also beyond the supports.
+    """Share of the span at which points lie.
+
+    Parameters
+    ----------
+    positions
+        Points at rest in the world frame, shape (P, 3) [m].
+    support_m, span_m
+        Longitudinal coordinate of the first support, and distance to the second [m].
+
+    Returns
+    -------
+    station
+        Shape (P,) [1]; 0 and 1 also beyond the supports.
 
     Raises
     ------
     DatasetError
         The shape is wrong.
+
+    Examples
+    --------
+    >>> compute_station([[7.0, 0.0, 5.0], [7.0, 0.0, 40.0]], support_m=2.0, span_m=12.0).tolist()
+    [0.25, 1.0]
     """
     points = as_float_array(positions, "positions", (None, 3))
     return np.asarray(np.clip((points[:, 2] - support_m) / span_m, 0, 1))
@@ -58,7 +101,7 @@ class Mode:
     frequency_hz
         Natural frequency [Hz].
     amplitude_mm
-        Amplitude where the shape is 1, were there no damping [mm].
+        Amplitude without damping where the shape is 1 [mm].
     damping_ratio
         Share of critical damping [1].
     half_waves
@@ -87,18 +130,59 @@ class Mode:
             )
 
     def shape(self, station: FloatArray) -> FloatArray:
-        """Relative amplitude at stations from 0 to 1 between the supports, any shape [1]."""
+        """Relative amplitude at places between the supports.
+
+        Parameters
+        ----------
+        station
+            Share of the span, from 0 at the first support to 1 at the second, shape (...) [1].
+
+        Returns
+        -------
+        amplitude
+            Shape (...) [1].
+
+        Examples
+        --------
+        >>> Mode("vertical", 2.0, 5.0).shape(np.array([0.0, 0.5])).tolist()
+        [0.0, 1.0]
+        """
         angle = self.half_waves * np.pi * station
         return np.cos(angle) if self.axis == "longitudinal" else np.sin(angle)
 
     def coordinate(self, elapsed_s: FloatArray) -> FloatArray:
-        """Modal coordinate at times since the excitation, any shape [s] to [m]."""
+        """Modal coordinate, shape (...) [m].
+
+        Parameters
+        ----------
+        elapsed_s
+            Times since the excitation, shape (...) [s].
+
+        Examples
+        --------
+        >>> Mode("vertical", 2.0, 5.0, damping_ratio=0.0).coordinate(np.array([0.125])).round(6).tolist()
+        [0.005]
+        """
         omega = 2 * np.pi * self.frequency_hz
         swing = np.sin(omega * np.sqrt(1 - self.damping_ratio**2) * elapsed_s)
         return np.asarray(1e-3 * self.amplitude_mm * np.exp(-self.damping_ratio * omega * elapsed_s) * swing)
 
     def coordinate_derivative(self, elapsed_s: FloatArray, order: int) -> FloatArray:
-        """Derivative of the modal coordinate by time, any shape [s] to [m/s**order]."""
+        """Derivative of the modal coordinate by time, shape (...) [m/s**order].
+
+        Parameters
+        ----------
+        elapsed_s
+            Times since the excitation, shape (...) [s].
+        order
+            Order of the derivative.
+
+        Examples
+        --------
+        >>> mode = Mode("vertical", 2.0, 5.0, damping_ratio=0.0)
+        >>> mode.coordinate_derivative(np.array([0.0]), 1).round(4).tolist()
+        [0.0628]
+        """
         root = 2 * np.pi * self.frequency_hz * complex(-self.damping_ratio, np.sqrt(1 - self.damping_ratio**2))
         return np.asarray(1e-3 * self.amplitude_mm * (root**order * np.exp(root * elapsed_s)).imag)
 
@@ -110,13 +194,13 @@ class ModalMotion:
     Parameters
     ----------
     modes
-        Added up.
+        Modes whose motions are added up.
     support_m, span_m
         Longitudinal coordinate of the first support, and distance to the second [m].
     still_s
-        Until when it is exactly at rest [s].
+        Time until which the span is exactly at rest [s].
     onset_s
-        How long the motion takes to grow to its full size [s].
+        Duration of the growth to the full motion [s].
 
     Raises
     ------
@@ -138,16 +222,45 @@ class ModalMotion:
             )
 
     def displacement(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
-        """As `Motion.displacement`; see `modal_displacement`."""
+        """Displacement of points of the structure, see `modal_displacement`.
+
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        positions
+            Points at rest in the world frame, shape (P, 3) [m].
+
+        Returns
+        -------
+        displacement
+            Displacement along the structural axes, shape (T, P, 3) [m].
+        """
         return modal_displacement(time_s, positions, motion=self)
 
     def acceleration(self, time_s: npt.ArrayLike, positions: npt.ArrayLike) -> FloatArray:
-        """As `Motion.acceleration`: ``sum_i e_i shape_i (r'' q_i + 2 r' q_i' + r q_i'')``.
+        """Second derivative of the displacement by time.
+
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        positions
+            Points at rest in the world frame, shape (P, 3) [m].
+
+        Returns
+        -------
+        acceleration
+            Acceleration along the structural axes, shape (T, P, 3) [m/s2].
 
         Raises
         ------
         DatasetError
             A shape is wrong.
+
+        Notes
+        -----
+        ``sum_i e_i shape_i (r'' q_i + 2 r' q_i' + r q_i'')``, with the symbols of `modal_displacement`.
         """
         time = as_float_array(time_s, "time_s", (None,))
         station = compute_station(positions, support_m=self.support_m, span_m=self.span_m)
@@ -170,11 +283,11 @@ def modal_displacement(time_s: npt.ArrayLike, positions: npt.ArrayLike, *, motio
     Parameters
     ----------
     time_s
-        Shape (T,) [s].
+        Times, shape (T,) [s].
     positions
         Points at rest in the world frame, shape (P, 3) [m]; only the longitudinal coordinate matters.
     motion
-        The modes.
+        Modes, supports, and the times of rest and onset.
 
     Raises
     ------
@@ -186,6 +299,12 @@ def modal_displacement(time_s: npt.ArrayLike, positions: npt.ArrayLike, *, motio
     ``d(t, Z) = sum_i e_i shape_i(Z) r(t) q_i(t)`` with the damped sine q and the ramp
     ``r(x) = 10 x^3 - 15 x^4 + 6 x^5`` over the onset, whose velocity and acceleration begin and end at zero.
     Beyond the supports the shape keeps its end value.
+
+    Examples
+    --------
+    >>> motion = ModalMotion((Mode("vertical", 2.0, 5.0, damping_ratio=0.0),), support_m=0.0, span_m=12.0)
+    >>> (1e3 * modal_displacement([0.0, 1.025], [[7.0, 0.0, 6.0]], motion=motion)[:, 0, 1]).round(3).tolist()
+    [0.0, 5.0]
     """
     time = as_float_array(time_s, "time_s", (None,))
     station = compute_station(positions, support_m=motion.support_m, span_m=motion.span_m)

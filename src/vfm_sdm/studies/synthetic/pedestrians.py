@@ -36,36 +36,38 @@ class Pedestrian:
     rate_hz
         Mean pacing or jumping rate, steps of either foot a second [Hz].
     start_s
-        Until when the person stands [s].
+        Time until which the person stands [s].
     station
-        Where the person stands first, as a share of the span [1].
+        Place where the person stands first, as a share of the span [1].
     speed_m_s
-        Along the bridge, negative towards the first support; the person turns round at the ends [m/s].
+        Speed along the bridge, negative towards the first support; the person turns round at the ends [m/s].
     contact_ratio
         Share of a step's duration for which the feet are on the deck; of no meaning when walking [1].
     rate_variation, force_variation
         Standard deviations of a step's duration and of its force, as shares of their means [1].
     seed
-        Of phases and variations.
+        Seed of phases and variations.
 
     Raises
     ------
     DatasetError
         The gait is unknown, or a number is out of its range.
 
-    Notes
-    -----
-    Walking: a Fourier series in the phase of the steps; vertical amplitudes are the mean values of P. Young, Improved
-    floor vibration prediction methodologies (Arup, 2001), lateral ones those of H. Schulze, at half the pacing rate, as
-    listed in S. Zivanovic, A. Pavic and P. Reynolds, Vibration serviceability of footbridges under human-induced
-    excitation: a literature review, J. Sound Vib. 279 (2005).
+    Notes ----- Walking is a Fourier series in the phase of the steps; vertical amplitudes are the mean values of [1]_,
+    lateral ones those of H. Schulze, at half the pacing rate, both as listed in [2]_.
 
-    Running and jumping: a half sine while there is contact, of height ``weight pi / (2 contact_ratio)``, so that the
-    mean force is the weight: H. Bachmann and W. Ammann, Vibrations in Structures (IABSE, 1987). The lateral pulse is
-    an assumption: a small share of the vertical one, to the other side with every step of a runner and to a random
-    side with every jump.
+    Running and jumping are a half sine while there is contact, of height ``weight pi / (2 contact_ratio)``, so that the
+    mean force is the weight [3]_. The lateral pulse is an assumption: a small share of the vertical one, to the other
+    side with every step of a runner and to a random side with every jump.
 
     Variations are independent from step to step.
+
+    References
+    ----------
+    .. [1] Young, P. (2001). Improved floor vibration prediction methodologies. ARUP Vibration Seminar.
+    .. [2] Zivanovic, S., Pavic, A., Reynolds, P. (2005). Vibration serviceability of footbridges under human-induced
+       excitation: a literature review. Journal of Sound and Vibration 279(1-2), 1-74.
+    .. [3] Bachmann, H., Ammann, W. (1987). Vibrations in Structures. IABSE Structural Engineering Documents 3e.
     """
 
     gait: Gait
@@ -102,18 +104,50 @@ class Pedestrian:
         return self.mass_kg * GRAVITY
 
     def stations(self, time_s: FloatArray, *, span_m: float) -> FloatArray:
-        """Where the person is at times (T,) [s], as a share of the span, shape (T,) [1]."""
+        """Places of the person, as shares of the span, shape (T,) [1].
+
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+        span_m
+            Distance between the supports [m].
+
+        Examples
+        --------
+        >>> person = Pedestrian("walking", 75, 1.9, start_s=1.0, station=0.5, speed_m_s=1.4)
+        >>> person.stations(np.array([0.0, 11.0]), span_m=28.0).round(6).tolist()
+        [0.5, 1.0]
+        """
         walked = self.station + self.speed_m_s * np.maximum(time_s - self.start_s, 0) / span_m
         # A triangle wave: up to 1, back to 0.
         return np.asarray(1 - np.abs(walked % 2 - 1))
 
     def force(self, time_s: FloatArray) -> FloatArray:
-        """Lateral and vertical (down) force on the deck at times (T,) [s], shape (T, 2) [N].
+        """Lateral and vertical (down) force of the person on the deck.
 
-        The force of standing, the weight, goes over into that of the steps within half a second.
+        Parameters
+        ----------
+        time_s
+            Times, shape (T,) [s].
+
+        Returns
+        -------
+        force
+            Shape (T, 2) [N].
+
+        Notes
+        -----
+        The force of standing, which is the weight, changes into that of the steps within half a second.
+
+        Examples
+        --------
+        >>> person = Pedestrian("walking", 75, 1.9, start_s=1.0, station=0.5, speed_m_s=1.4)
+        >>> person.force(np.array([0.5])).round(2).tolist()
+        [[0.0, 735.75]]
         """
         elapsed = np.maximum(time_s - self.start_s, 0)
-        # A stream each, so that a later time, which needs more steps, leaves the earlier ones as they are.
+        # One stream for each, so that a later time, which needs more steps, leaves the earlier steps as they are.
         lengths, strengths, rest = (np.random.default_rng([self.seed, stream]) for stream in range(3))
         steps = 2 + int(np.ceil(1.5 * self.rate_hz * float(elapsed.max(initial=0))))
         duration = (1 + self.rate_variation * np.clip(lengths.standard_normal(steps), -3, 3)) / self.rate_hz
@@ -142,7 +176,7 @@ def _walking(steps: FloatArray, rate_hz: float, rng: np.random.Generator) -> Flo
     Parameters
     ----------
     steps
-        Phase: steps made since the start, with fractions, shape (T,).
+        Phase: number of steps since the start, with fractions, shape (T,) [1].
     """
     first = float(np.clip(0.37 * (rate_hz - 0.95), 0, 0.5))
     # Young's higher harmonics are linear in the harmonic's own frequency.

@@ -42,7 +42,7 @@ _MODES = (
 )
 """The same bridge in all tests."""
 _TELEPHOTO = (25.0 / 6.17, 24.2 / 6.17)
-"""Focal lengths over sensor width."""
+"""Focal lengths of both cameras over the sensor width [1]."""
 _PHONE = (1.50, 1.44)
 _Share = tuple[str, float]
 _QUARTER, _MIDDLE, _THREE_QUARTERS = ("1/4 span", 1 / 4), ("1/2 span", 1 / 2), ("3/4 span", 3 / 4)
@@ -50,14 +50,14 @@ _QUARTER, _MIDDLE, _THREE_QUARTERS = ("1/4 span", 1 / 4), ("1/2 span", 1 / 2), (
 
 @dataclass(frozen=True)
 class _Sequence:
-    """What differs between the tests, at full size; lengths in metres, amplitudes (vertical, lateral) in mm."""
+    """Values that differ between the tests, at full size; lengths in metres, amplitudes (vertical, lateral) in mm."""
 
     description: str
     perpendicular_m: float
     longitudinal_m: float
     baseline_m: float
     direction: tuple[float, float, float]
-    """From the reference camera to the second one, of any length."""
+    """Direction from the reference camera to the second one, of any length."""
     second_target_m: float
     support_m: float
     focal_widths: tuple[float, float]
@@ -84,13 +84,19 @@ def preset(name: PresetName, size: Size = "full") -> Preset:
     ------
     DatasetError
         There is no such test or size.
+
+    Examples
+    --------
+    >>> test = preset("data-4", "small")
+    >>> test.fps, test.duration_s, test.site.image_size
+    (30, 8.0, (1920, 1080))
     """
     if name not in PRESETS or size not in SIZES:
         raise DatasetError(f"preset: expected one of {PRESETS} in {SIZES}, got {name!r} in {size!r}; use one of them")
-    plan = _SEQUENCES[name]()
+    sequence = _SEQUENCES[name]()
     width, fps, duration_s = (_FULL_WIDTH, 60, 16.0) if size == "full" else (_FULL_WIDTH // 2, 30, 8.0)
-    site = _site(plan, width)
-    points = _points(plan, site)
+    site = _make_site(sequence, width)
+    points = _make_points(sequence, site)
     sensors = tuple(
         MountedAccelerometer(
             Accelerometer(
@@ -102,41 +108,41 @@ def preset(name: PresetName, size: Size = "full") -> Preset:
             ),
             point=share[0],
         )
-        for number, share in enumerate(plan.monitored)
+        for number, share in enumerate(sequence.monitored)
     )
     return Preset(
         name=name,
         size=size,
-        description=plan.description,
+        description=sequence.description,
         site=site,
-        motion=_motion(plan, site, duration_s),
+        motion=_make_motion(sequence, site, duration_s),
         points=points,
-        recordings=tuple(_scaled(recording, width / _FULL_WIDTH) for recording in plan.recordings),  # type: ignore[arg-type]
+        recordings=tuple(_scale_recording(recording, width / _FULL_WIDTH) for recording in sequence.recordings),  # type: ignore[arg-type]
         accelerometers=sensors,
         fps=fps,
         duration_s=duration_s,
         still_s=_STILL_S,
         errors=SiteErrors(),
-        seed=plan.seed,
-        within_assumptions=plan.within_assumptions,
+        seed=sequence.seed,
+        within_assumptions=sequence.within_assumptions,
         # The same piece of the structure at both sizes.
         subset_px=_FULL_SUBSET_PX if size == "full" else _FULL_SUBSET_PX // 2 + 1,
         # Where the accelerometers sit is known from the drawings.
-        known_length=(plan.monitored[0][0], plan.monitored[1][0]),
+        known_length=(sequence.monitored[0][0], sequence.monitored[1][0]),
     )
 
 
-def _site(plan: _Sequence, width: int) -> FootbridgeSite:
-    direction = np.asarray(plan.direction)
-    center = plan.baseline_m * direction / np.linalg.norm(direction)
+def _make_site(sequence: _Sequence, width: int) -> FootbridgeSite:
+    direction = np.asarray(sequence.direction)
+    center = sequence.baseline_m * direction / np.linalg.norm(direction)
     return FootbridgeSite(
-        perpendicular_m=plan.perpendicular_m,
-        longitudinal_m=plan.longitudinal_m,
+        perpendicular_m=sequence.perpendicular_m,
+        longitudinal_m=sequence.longitudinal_m,
         second_center=(float(center[0]), float(center[1]), float(center[2])),
-        second_target_m=plan.second_target_m,
-        focal_px=(1280 * plan.focal_widths[0], 1280 * plan.focal_widths[1]),
+        second_target_m=sequence.second_target_m,
+        focal_px=(1280 * sequence.focal_widths[0], 1280 * sequence.focal_widths[1]),
         k1=(-0.05, 0.04),
-        support_m=plan.support_m,
+        support_m=sequence.support_m,
         span_m=_SPAN_M,
         image_size=(width, width * 9 // 16),
         bays=_BAYS,
@@ -146,11 +152,11 @@ def _site(plan: _Sequence, width: int) -> FootbridgeSite:
     )
 
 
-def _points(plan: _Sequence, site: FootbridgeSite) -> tuple[SitePoint, ...]:
+def _make_points(sequence: _Sequence, site: FootbridgeSite) -> tuple[SitePoint, ...]:
     """Both monitored points, two more that move, and three on what stands still."""
     face, middle = site.perpendicular_m, site.longitudinal_m
-    between = (plan.monitored[0][1] + plan.monitored[1][1]) / 2
-    web = tuple(SitePoint(name, (face, 0.0, site.station(share))) for name, share in plan.monitored)
+    between = (sequence.monitored[0][1] + sequence.monitored[1][1]) / 2
+    web = tuple(SitePoint(name, (face, 0.0, site.station(share))) for name, share in sequence.monitored)
     return (
         *web,
         SitePoint("web between", (face, 0.0, site.station(between))),
@@ -161,10 +167,10 @@ def _points(plan: _Sequence, site: FootbridgeSite) -> tuple[SitePoint, ...]:
     )
 
 
-def _motion(plan: _Sequence, site: FootbridgeSite, duration_s: float) -> ForcedMotion:
+def _make_motion(sequence: _Sequence, site: FootbridgeSite, duration_s: float) -> ForcedMotion:
     motion = ForcedMotion(
         modes=_MODES,
-        people=plan.people,
+        people=sequence.people,
         support_m=site.support_m,
         span_m=site.span_m,
         duration_s=duration_s + _MARGIN_S,
@@ -172,14 +178,14 @@ def _motion(plan: _Sequence, site: FootbridgeSite, duration_s: float) -> ForcedM
     for number, axis in enumerate(("vertical", "lateral")):
         first, second = (
             PeakToPeak(axis, share, amplitude[number])
-            for (_, share), amplitude in zip(plan.monitored, plan.amplitudes_mm, strict=True)
+            for (_, share), amplitude in zip(sequence.monitored, sequence.amplitudes_mm, strict=True)
         )
         motion = scale_to_amplitudes(motion, (first, second), duration_s=duration_s)
     return motion
 
 
-def _scaled(recording: Recording, scale: float) -> Recording:
-    """The same recording with pixels of another size."""
+def _scale_recording(recording: Recording, scale: float) -> Recording:
+    """The recording with pixels of another size."""
     path = recording.stabilization
     return replace(
         recording,

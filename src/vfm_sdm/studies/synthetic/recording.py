@@ -1,4 +1,4 @@
-"""Synthetic frames written as a camera writes them: H.264 with exact time stamps."""
+"""Files of synthetic frames as a camera writes them: H.264 with exact time stamps."""
 
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -33,21 +33,31 @@ def write_video(
     Parameters
     ----------
     path
-        Replaced only when the new file is complete.
+        File to write; it is replaced only when the new file is complete.
     frames
         Luma, each of shape (H, W), H and W even; read one at a time.
     fps
         Frames a second; frame k gets the time stamp k / fps exactly.
     chroma
-        The same for all frames, shape (2, H / 2, W / 2); grey when None.
+        Chroma of all frames, shape (2, H / 2, W / 2); grey when None.
     options
-        Of the encoder x264, such as ``{"crf": "14", "preset": "fast", "threads": "2"}``. Two runs give the same bytes
-        when the number of threads is fixed.
+        Options of the encoder x264, such as ``{"crf": "14", "preset": "fast", "threads": "2"}``. Two runs give the same
+        bytes when the number of threads is fixed.
 
     Raises
     ------
     VideoError
         There is no frame, frames differ in size or have an odd one, or the file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> frames = [np.full((48, 64), 16 + 10 * number, np.uint8) for number in range(3)]
+    >>> with TemporaryDirectory() as folder:
+    ...     file = write_video(f"{folder}/left.mp4", frames, fps=30, options={"qp": "0", "threads": "1"})
+    ...     with av.open(file) as container:
+    ...         print(container.streams.video[0].frames)
+    3
     """
     target = Path(path)
     rate = Fraction(fps)

@@ -50,16 +50,16 @@ class Renderer:
     Parameters
     ----------
     scene
-        The faces.
+        Faces and sky.
     camera
-        Its ``cam_from_world`` is in the scene's world frame.
+        The camera, with ``cam_from_world`` in the scene's world frame.
     reach_m
         Largest displacement that will be asked for [m].
 
     Attributes
     ----------
     luma_at_rest
-        Shape (H, W), float, not rounded and not limited to the range of video.
+        Luma without displacement, shape (H, W), not rounded and not limited to the range of video.
     face_at_rest
         Index in ``scene.faces`` of what each pixel's centre shows, -1 for the sky, shape (H, W).
 
@@ -114,17 +114,22 @@ class Renderer:
         rows: tuple[int, int] | None = None,
         into: npt.NDArray[np.float32] | None = None,
     ) -> npt.NDArray[np.float32]:
-        """Luma of the displaced scene, shape (H, W), not rounded.
+        """Luma of the displaced scene.
 
         Parameters
         ----------
         displacement
-            Of the scene; ``None`` for none.
+            Displacement of points of the scene [m]; ``None`` for none.
         rows
             First row to draw, and the one after the last; all when ``None``.
         into
-            Picture whose rows are drawn anew and which is returned; a picture at rest when ``None``. A rolling shutter
-            is drawn band by band.
+            Picture whose rows are drawn anew and which is returned, shape (H, W); a picture at rest when ``None``. A
+            rolling shutter is drawn band by band.
+
+        Returns
+        -------
+        luma
+            Shape (H, W), in units of 8-bit video, not rounded.
 
         Raises
         ------
@@ -183,7 +188,7 @@ class Renderer:
         return np.ascontiguousarray(listed.transpose(1, 2, 0))
 
     def _plan_pixels(self) -> tuple[BoolArray, _FaceImage, BoolArray]:
-        """What a frame may change, the face alone around each pixel, and which faces stand in front (`move_pixels`)."""
+        """Pixels that a frame may change, the only face around each, and the faces in front (see `move_pixels`)."""
         moving, face = self._moving[self.face_at_rest], self.face_at_rest
         # What is just outside the image may come in.
         reach = self._shift_px + EDGE_PX
@@ -197,7 +202,7 @@ class Renderer:
 
 
 class _Stations:
-    """Where the displacement is asked for: along the centre line of every moving face."""
+    """Places at which the displacement is asked for: along the centre line of every moving face."""
 
     def __init__(self, scene: Scene, reach_m: float) -> None:
         faces = scene.faces
@@ -223,7 +228,20 @@ class _Stations:
         return np.ascontiguousarray(np.einsum("nai,ni->na", self._axes, values))
 
     def near(self, values: FloatArray, longitudinal: FloatArray) -> FloatArray:
-        """Displacement of whatever moves about there, any shape to (..., 3) [m]."""
+        """Displacement of whatever moves near a longitudinal coordinate.
+
+        Parameters
+        ----------
+        values
+            Displacement at the N stations, shape (N, 3) [m].
+        longitudinal
+            Longitudinal coordinates, shape (...) [m].
+
+        Returns
+        -------
+        displacement
+            Shape (..., 3) [m].
+        """
         places = self._positions[self._order, 2]
         return np.stack([np.interp(longitudinal, places, values[self._order, axis]) for axis in range(3)], axis=-1)
 
@@ -238,7 +256,7 @@ class _Stations:
 
 
 class _MovingTiles:
-    """How points of the moving faces shift in the image: in the middle of each tile, or of the nearest that has one."""
+    """Shifts of points of the moving faces in the image, in the middle of each tile or of the nearest with one."""
 
     def __init__(self, moving: BoolArray, camera: Camera, arrays: CastArrays, face_at_rest: _FaceImage) -> None:
         height, width = face_at_rest.shape

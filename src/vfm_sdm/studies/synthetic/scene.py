@@ -38,7 +38,7 @@ class Mark:
     Parameters
     ----------
     center_m
-        Along the face's edges u and v, from its origin [m].
+        Place of its centre along the face's edges u and v, from its origin [m].
     radius_m
         Standard deviations of its Gaussian profile along u and v [m]; raised to what the texture can hold.
     luma
@@ -57,7 +57,7 @@ class Texture:
     Parameters
     ----------
     seed
-        Of ``numpy.random.default_rng``.
+        Seed of ``numpy.random.default_rng``.
     mean, contrast
         Mean and standard deviation of the noise in luma units of 8 bits.
     shortest_m
@@ -81,7 +81,7 @@ class Texture:
 
     @property
     def texels_per_m(self) -> FloatArray:
-        """Along u and v, shape (2,) [1/m]."""
+        """Number of texels a metre along u and v, shape (2,) [1/m]."""
         return TEXELS_PER_WAVELENGTH / np.asarray(self.shortest_m)
 
     def __post_init__(self) -> None:
@@ -98,13 +98,13 @@ class Face:
     Parameters
     ----------
     name
-        What it shows.
+        Name of what it shows.
     origin
-        One corner, shape (3,) [m].
+        One corner in the world frame, shape (3,) [m].
     edge_u, edge_v
-        From that corner along two sides, at right angles, shape (3,) [m].
+        Vectors from that corner along two sides, at right angles, shape (3,) [m].
     texture
-        Its luma.
+        Luma of the surface.
     moving
         Whether it moves with the structure.
     tint
@@ -144,11 +144,34 @@ class Face:
 
     @property
     def corners(self) -> FloatArray:
-        """World points, shape (4, 3) [m]."""
+        """The four corners in the world frame, shape (4, 3) [m]."""
         return np.array([self.origin + a * self.edge_u + b * self.edge_v for a in (0, 1) for b in (0, 1)])
 
     def points3d(self, along_m: npt.ArrayLike) -> FloatArray:
-        """World points at distances along the edges u and v, shape (..., 2) [m] to (..., 3) [m]."""
+        """World points of the face.
+
+        Parameters
+        ----------
+        along_m
+            Distances along the edges u and v, shape (..., 2) [m].
+
+        Returns
+        -------
+        points3d
+            World frame, shape (..., 3) [m].
+
+        Raises
+        ------
+        DatasetError
+            The distances have another shape.
+
+        Examples
+        --------
+        >>> texture = Texture(seed=0, mean=120, contrast=20, shortest_m=(0.05, 0.05))
+        >>> face = Face("web", np.array([7.0, 0.0, 0.0]), np.array([0.0, 0.0, 2.0]), np.array([0.0, 1.0, 0.0]), texture)
+        >>> face.points3d([1.5, 0.5]).tolist()
+        [7.0, 0.5, 1.5]
+        """
         distances = as_float_array(along_m, "along_m", (-1, 2))
         directions = np.stack([self.edge_u / self.size_m[0], self.edge_v / self.size_m[1]])
         return np.asarray(self.origin + distances @ directions)
@@ -161,7 +184,7 @@ class Scene:
     Parameters
     ----------
     faces
-        In any order; the nearest one on a ray is seen.
+        Faces in any order; the nearest one on a ray is seen.
     sky
         Luma beyond all faces.
 
@@ -181,19 +204,24 @@ class Scene:
 
     @cached_property
     def splines(self) -> tuple[npt.NDArray[np.float32], ...]:
-        """For each face, coefficients of the cubic B-spline through its texels, shape (n_v, n_u)."""
+        """Coefficients of the cubic B-spline through the texels of each face, shape (n_v, n_u)."""
         return tuple(
             spline_filter(texture_luma(face.texture, face.size_m), order=3, mode="mirror").astype(np.float32)
             for face in self.faces
         )
 
     def face(self, name: str) -> Face:
-        """The face of this name.
+        """The face of a name.
+
+        Parameters
+        ----------
+        name
+            Name of the face.
 
         Raises
         ------
         DatasetError
-            No face has it.
+            No face has this name.
         """
         for face in self.faces:
             if face.name == name:
@@ -202,19 +230,32 @@ class Scene:
 
 
 def texture_luma(texture: Texture, size_m: tuple[float, float]) -> FloatArray:
-    """Luma on a grid of texels that begins `GUARD` texels before the origin, shape (n_v, n_u).
+    """Luma of a texture on a grid of texels that begins `GUARD` texels before the origin.
 
     Parameters
     ----------
     texture
-        What to draw.
+        Texture to draw.
     size_m
         Lengths along u and v to cover [m].
+
+    Returns
+    -------
+    luma
+        Shape (n_v, n_u), in units of 8-bit video.
 
     Notes
     -----
     White noise is shaped in the frequency domain, so the band limit is exact: zero beyond the ellipse
     ``(f_u shortest_u)^2 + (f_v shortest_v)^2 = 1``.
+
+    Examples
+    --------
+    >>> texture = Texture(seed=0, mean=120, contrast=20, shortest_m=(0.05, 0.05))
+    >>> face = Face("web", np.array([7.0, 0.0, 0.0]), np.array([0.0, 0.0, 2.0]), np.array([0.0, 1.0, 0.0]), texture)
+    >>> luma = texture_luma(texture, face.size_m)
+    >>> round(float(luma.mean())), round(float(luma.std()))
+    (120, 20)
     """
     texel = 1 / texture.texels_per_m
     n_u, n_v = (int(n) + 2 * GUARD for n in np.ceil(np.asarray(size_m) / texel))
@@ -256,9 +297,9 @@ def coarsest_pixel(
     Parameters
     ----------
     origin, edge_u, edge_v
-        As of a `Face`, shape (3,) [m].
+        Corner and edges as of a `Face`, shape (3,) [m].
     cameras
-        All cameras for which a texture must be fit; occlusion is not looked at.
+        All cameras that a texture must suit; occlusion is not considered.
 
     Notes
     -----
@@ -266,6 +307,13 @@ def coarsest_pixel(
     image. A wave with wave vector f (cycles a metre along u and v) has the frequency ``J^-T f`` in the image, where J
     holds the derivatives of the pixel by the distances along u and v; the columns of ``J^-T`` bound each edge alone,
     and both sizes are raised by the largest singular value that is left for waves between the two.
+
+    Examples
+    --------
+    >>> camera = Camera(np.array([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]]), (640, 480))
+    >>> sizes = coarsest_pixel([-1.0, -1.0, 10.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [camera])
+    >>> np.round(sizes, 4).tolist()
+    [0.01, 0.01]
     """
     corner, u, v = (as_float_array(x, "rectangle", (3,)) for x in (origin, edge_u, edge_v))
     lengths = np.linalg.norm([u, v], axis=1)

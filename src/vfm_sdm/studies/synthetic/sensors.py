@@ -16,7 +16,7 @@ from vfm_sdm.errors import DatasetError
 __all__ = ["Accelerometer", "write_acceleration"]
 
 _REST_G = (0.0, -1.0, 0.0)
-"""What a sensor at rest reads along lateral, vertical (down), longitudinal: it feels its support push upwards."""
+"""Reading of a sensor at rest along lateral, vertical (down) and longitudinal: its support pushes it upwards."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Accelerometer:
     Parameters
     ----------
     name
-        As in the session.
+        Name of the sensor in the session.
     rate_hz
         Samples a second of the sensor's own clock [Hz].
     noise_g_per_sqrt_hz
@@ -80,7 +80,18 @@ class Accelerometer:
             )
 
     def true_time(self, stamp_s: FloatArray) -> FloatArray:
-        """True time of stamps of the sensor's clock, any shape [s]."""
+        """True time of stamps of the sensor's clock, shape (...) [s].
+
+        Parameters
+        ----------
+        stamp_s
+            Stamps on the sensor's clock, shape (...) [s].
+
+        Examples
+        --------
+        >>> Accelerometer("midspan", clock_offset_s=-2.0).true_time(np.array([0.0, 1.0])).tolist()
+        [-2.0, -1.0]
+        """
         return np.asarray(self.clock_offset_s + stamp_s / self.clock_rate)
 
 
@@ -92,20 +103,20 @@ def write_acceleration(
     duration_s: float,
     seed: int,
 ) -> Path:
-    """Writes what an accelerometer records as CSV and returns the path.
+    """Writes the recording of an accelerometer as CSV and returns the path.
 
     Parameters
     ----------
     path
-        Gets the columns ``time`` [s], ``lateral``, ``vertical``, ``longitudinal`` [g]; whole or not at all.
+        File with the columns ``time`` [s], ``lateral``, ``vertical``, ``longitudinal`` [g]; whole or not at all.
     accelerometer
         The sensor.
     acceleration_of
         Acceleration of the structure where it sits: true times (T,) [s] to (T, 3) [m/s2] along the structural axes.
     duration_s
-        On the sensor's clock [s].
+        Duration of the recording on the sensor's clock [s].
     seed
-        Of noise and spikes; the same seed gives the same bytes.
+        Seed of noise and spikes; the same seed gives the same bytes.
 
     Raises
     ------
@@ -113,6 +124,16 @@ def write_acceleration(
         The duration holds less than two samples, or the acceleration has another shape or is not finite.
     OSError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> def at_rest(time_s):
+    ...     return np.zeros((len(time_s), 3))
+    >>> with TemporaryDirectory() as folder:
+    ...     file = write_acceleration(f"{folder}/acc.csv", Accelerometer("acc"), at_rest, duration_s=1.0, seed=0)
+    ...     print(file.read_text().splitlines()[0])
+    time,lateral,vertical,longitudinal
     """
     samples = round(duration_s * accelerometer.rate_hz) if np.isfinite(duration_s) else 0
     if samples < 2:
@@ -136,7 +157,7 @@ def write_acceleration(
 
 
 def _reading(accelerometer: Accelerometer, motion_g: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """What the sensor reads along its own axes, shape (T, 3) [g]."""
+    """Reading of the sensor along its own axes, shape (T, 3) [g]."""
     structure_from_sensor = Rotation.from_rotvec(accelerometer.misalignment_deg, degrees=True).as_matrix()
     force = (motion_g + np.array(_REST_G)) @ structure_from_sensor
     noise_std = accelerometer.noise_g_per_sqrt_hz * np.sqrt(accelerometer.rate_hz / 2)

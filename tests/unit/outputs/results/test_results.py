@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import loadmat
 
+from uff import read_uff
 from vfm_sdm.core.datasets import STATUS_MEANINGS, STRUCTURE_AXES, make_displacement, make_tracks
-from vfm_sdm.core.netcdf import read_displacement, read_tracks, write_tracks
+from vfm_sdm.core.netcdf import read_displacement, read_points, read_tracks, write_tracks
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.outputs.results import (
     read_summary,
@@ -156,20 +157,25 @@ def test_tracks_that_cannot_be_written_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("read", "name", "what"),
-    [(read_tracks, "tracks.nc", "vfm-sdm track"), (read_displacement, "displacement.nc", "vfm-sdm measure")],
+    ("read", "kind", "what"),
+    [
+        (read_tracks, "tracks", "vfm-sdm track"),
+        (read_points, "points", "vfm-sdm cameras"),
+        (read_displacement, "displacement", "vfm-sdm measure"),
+    ],
 )
-def test_unreadable_results_are_named_with_the_remedy(tmp_path, read, name, what):
-    with pytest.raises(ResultsError, match=rf"{name}: expected a result, got no such file; .*`{what}`"):
+def test_unreadable_results_are_named_with_the_remedy(tmp_path, read, kind, what):
+    name = f"{kind}.nc"
+    with pytest.raises(ResultsError, match=rf"{name}: expected {kind}, got no such file; .*`{what}`"):
         read(tmp_path)
     (tmp_path / name).write_text("no netCDF")
-    with pytest.raises(ResultsError, match=rf"{name}: expected .*, got a damaged file .*`{what}"):
+    with pytest.raises(ResultsError, match=rf"{name}: expected {kind}, got a damaged file .*`{what}"):
         read(tmp_path)
     xr.Dataset({"a": 1}).to_netcdf(tmp_path / name, engine="h5netcdf")
     if read is read_tracks:
         tree = xr.DataTree.from_dict({"/left": xr.Dataset({"a": 1})})
         tree.to_netcdf(tmp_path / name, engine="h5netcdf")
-    with pytest.raises(ResultsError, match=rf"{name}: expected .*, got something else .*`{what}"):
+    with pytest.raises(ResultsError, match=rf"{name}: expected {kind}, got something else .*`{what}"):
         read(tmp_path)
 
 
@@ -265,58 +271,6 @@ def test_mat_holds_arrays_names_and_units(tmp_path):
     assert [str(cell[0]) for cell in content["axes"][:, 0]] == list(STRUCTURE_AXES)
     assert [str(cell[0]) for cell in content["status_meanings"][:, 0]] == list(STATUS_MEANINGS)
     assert content["frame"][0] == "structure"
-
-
-def read_uff(path: Path) -> tuple[list[str], list[dict]]:
-    """An independent reader by the columns of the format's description."""
-    lines = path.read_text(encoding="ascii").splitlines()
-    assert lines[0] == "    -1"
-    blocks: list[list[str]] = []
-    inside = False
-    for line in lines:
-        if line == "    -1":
-            inside = not inside
-            if inside:
-                blocks.append([])
-        else:
-            assert inside
-            blocks[-1].append(line)
-    assert not inside
-    functions = []
-    for block in blocks:
-        assert max(map(len, block)) <= 80
-        if block[0] != "    58":
-            continue
-        dof, form = block[6], block[7]
-        count, even = int(form[10:20]), int(form[20:30])
-        values = "".join(block[12:])
-        if even:
-            numbers = np.array([float(values[i : i + 20]) for i in range(0, 20 * count, 20)])
-            times = float(form[30:43]) + float(form[43:56]) * np.arange(count)
-        else:
-            times = np.array([float(values[i : i + 13]) for i in range(0, 33 * count, 33)])
-            numbers = np.array([float(values[i + 13 : i + 33]) for i in range(0, 33 * count, 33)])
-        assert len(values) == count * (20 if even else 33)
-        functions.append(
-            {
-                "ids": block[1:6],
-                "type": int(dof[:5]),
-                "node": int(dof[41:51]),
-                "direction": int(dof[51:55]),
-                "ordinate_type": int(form[:10]),
-                "abscissa": (int(block[8][:10]), block[8][26:46].strip(), block[8][47:67].strip()),
-                "ordinate": (
-                    int(block[9][:10]),
-                    int(block[9][10:15]),
-                    block[9][26:46].strip(),
-                    block[9][47:67].strip(),
-                ),
-                "even": even,
-                "times": times,
-                "values": numbers,
-            }
-        )
-    return blocks[0], functions
 
 
 def test_uff_is_dataset_58_in_metres_with_units(tmp_path):

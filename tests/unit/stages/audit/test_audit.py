@@ -40,7 +40,7 @@ def found_by_the_right_check(fault: str, seed: int) -> bool:
 
 def verdict_of_a_good_run(seed: int) -> tuple[Verdict, list[str]]:
     found = audited(good_run(seed), refinement=refinement(seed))
-    return found.verdict, [f"{check.name}: {check.figure:.3g}" for check in found.flagged]
+    return found.verdict, [f"{check.name}: {check.value:.3g}" for check in found.flagged]
 
 
 def faults_missed(seed: int) -> list[str]:
@@ -101,7 +101,7 @@ def test_good_spare_lengths_show_a_wrong_baseline():
     known |= {"focal_std": 0.001, "focal_errors": (0.0, 0.0)}
     right = audited(simulate(3, **GOOD, **known, baseline_std=0.02, baseline_error=0.01))
     assert right["scale by a spare length"].outcome == Outcome.PASS
-    assert right["scale by a spare length"].figure < 0.05
+    assert right["scale by a spare length"].value < 0.05
     wrong = audited(simulate(3, **GOOD, **known, baseline_std=0.02, baseline_error=0.4))
     assert wrong["site and lenses"].outcome == Outcome.FAIL
 
@@ -152,7 +152,7 @@ def test_recordings_that_lack_frames_are_named():
     assert audited(replace(run, tracks=tracks))["recordings"].outcome == Outcome.PASS
     tracks["right"].attrs["recording"]["dropped"] = 4
     found = audited(replace(run, tracks=tracks))["recordings"]
-    assert (found.outcome, found.where, found.figure) == (Outcome.CAUTION, "right", 0.02)
+    assert (found.outcome, found.where, found.value) == (Outcome.CAUTION, "right", 0.02)
     tracks["left"].attrs["recording"]["status"] = "truncated"
     assert audited(replace(run, tracks=tracks))["recordings"].where == "left"
 
@@ -183,7 +183,7 @@ def pictures(contrast: float, noise: float) -> dict[str, np.ndarray]:
 def test_shifts_put_into_a_good_texture_come_out_whole():
     found = audited(good_run(0), frames=pictures(1.0, 1.0))["gain of injected shifts"]
     assert found.outcome == Outcome.PASS
-    assert found.figure < 0.01
+    assert found.value < 0.01
 
 
 def test_a_surface_without_texture_does_not_pass():
@@ -214,9 +214,9 @@ def test_a_figure_is_judged_by_its_limits(figure, outcome):
 
 
 def test_a_check_is_loaded_by_its_figure_over_its_limit():
-    assert AuditCheck("x", Outcome.PASS, 0.05, 0.1, "1", "").load == 0.5
-    assert AuditCheck("x", Outcome.CAUTION, 2.0, 3.0, "", "", larger_is_better=True).load == 1.5
-    assert np.isnan(AuditCheck("x", Outcome.NOT_POSSIBLE, np.nan, 0.1, "1", "").load)
+    assert AuditCheck("x", Outcome.PASS, 0.05, 0.1, "1", "").share_of_limit == 0.5
+    assert AuditCheck("x", Outcome.CAUTION, 2.0, 3.0, "", "", larger_is_better=True).share_of_limit == 1.5
+    assert np.isnan(AuditCheck("x", Outcome.NOT_POSSIBLE, np.nan, 0.1, "1", "").share_of_limit)
 
 
 def test_figure_table_and_report_show_every_check():

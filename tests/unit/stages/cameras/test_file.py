@@ -197,7 +197,9 @@ class TestFileCameras:
         assert estimate.notes == ()
         assert estimate.rig.metric
         np.testing.assert_allclose(estimate.rig.covariance, rig.covariance, atol=1e-15)
-        np.testing.assert_array_equal(estimate.rig.cameras[1].cam_from_world, rig.cameras[1].cam_from_world)
+        # To the rounding of a product of poses.
+        found, true = (r.cameras[1].cam_from_world for r in (estimate.rig, rig))
+        np.testing.assert_allclose(found, true, rtol=0, atol=8 * np.finfo(float).eps * np.abs(true).max())
 
     def test_first_view_of_the_session_becomes_the_reference(self, tmp_path):
         rig = rig_with_covariance(3)
@@ -206,7 +208,7 @@ class TestFileCameras:
         found = FileCameras().estimate(made, frames("third", "left")).rig
         expected = select_views(rig, ("third", "left"))
         assert_same(found, expected)
-        np.testing.assert_allclose(found.cameras[0].cam_from_world, np.eye(3, 4), atol=1e-15)
+        np.testing.assert_allclose(found.cameras[0].cam_from_world, np.eye(3, 4), atol=1e-12)
         assert found.baseline() == pytest.approx(rig.baseline(0, 2))
 
     def test_a_file_a_view_in_a_common_frame(self, tmp_path):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from simulation import SIZE, gain_error, project_all, site_trial
+from simulation import SIZE, gain_error, placed_cameras, project_all, site_trial
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Rig
@@ -224,3 +224,64 @@ def test_more_than_two_views():
     adjustment = adjust_to_site(prior, pairs, measured_site(trial, rng), {})
     assert adjustment.epipolar_rms_px < 0.2
     assert len(adjustment.rig) == 3
+
+
+PLACES = {
+    "a row": [(0, 0, 0), (2, 0, -0.5), (4, 0, -1)],
+    "an uneven row": [(0, 0, 0), (3, 0, -0.75), (4, 0, -1)],
+    "the third between": [(0, 0, 0), (4, 0, -1), (2, 0, -0.5)],
+    "the reference in the middle": [(0, 0, 0), (2, 0, -0.5), (-2, 0, 0.5)],
+    "a row that goes away": [(0, 0, 0), (1.0, 0, -2), (2, 0, -4)],
+    "nearly a row": [(0, 0, 0), (2, 0, -0.5), (4, -0.05, -1)],
+    "a triangle": [(0, 0, 0), (4, 0, -1), (2, -1.5, 0)],
+    "four in a row": [(0, 0, 0), (2, 0, -0.5), (4, 0, -1), (6, 0, -1.5)],
+}
+
+
+def distance_and_std(rig, view):
+    """Distance of a view from the first [m], and its standard deviation."""
+    along = rig.cameras[view].translation / rig.baseline(0, view)
+    last = slice(10 * view + 7, 10 * view + 10)
+    return rig.baseline(0, view), float(np.sqrt(along @ rig.covariance[last, last] @ along))
+
+
+@pytest.mark.parametrize("places", PLACES)
+def test_further_cameras_stand_where_they_stand(places):
+    """Matches with the first view alone; what holds a camera in a row are points that three views see."""
+    for seed in range(2):
+        placed = placed_cameras(PLACES[places], seed=seed)
+        site = Site(baseline={"value": placed.truth.baseline(), "std": 0.005})
+        adjustment = adjust_to_site(placed.prior, placed.pairs(), site, {})
+        assert adjustment.status == "ok"
+        named = {q.name: q for q in adjustment.quantities}
+        for view in range(2, len(placed.truth)):
+            true = placed.truth.baseline(0, view)
+            found, std = distance_and_std(adjustment.rig, view)
+            assert std < 0.004 * true
+            assert abs(found - true) < 3 * std
+            quantity = named[f"distance a to {adjustment.rig.names[view]}"]
+            assert (quantity.value, quantity.std) == pytest.approx((found, std), rel=1e-4)
+            assert quantity.determined
+
+
+@pytest.mark.slow
+def test_stated_std_of_a_third_camera_in_a_row_is_its_scatter():
+    deviations = []
+    for seed in range(25):
+        placed = placed_cameras(PLACES["a row"], seed=seed, shared_error_px=0.2)
+        site = Site(baseline={"value": placed.truth.baseline(), "std": 1e-4})
+        rig = adjust_to_site(placed.prior, placed.pairs(), site, {}).rig
+        found, std = distance_and_std(rig, 2)
+        deviations.append((found - placed.truth.baseline(0, 2)) / std)
+    assert 0.6 < np.sqrt(np.mean(np.square(deviations))) < 1.3
+    assert abs(np.mean(deviations)) < 3 / np.sqrt(25)
+
+
+@pytest.mark.parametrize("places", ["a row", "a triangle"])
+def test_a_third_camera_without_common_points_is_named(places):
+    """Two pairs that share no point: each has its own scale."""
+    placed = placed_cameras(PLACES[places])
+    site = Site(baseline={"value": placed.truth.baseline(), "std": 0.005})
+    adjustment = adjust_to_site(placed.prior, placed.pairs(common=False), site, {})
+    assert adjustment.status == CameraStatus.UNKNOWN_DISTANCE
+    assert any("distance a to c: known to" in note and "three see the same points" in note for note in adjustment.notes)

@@ -117,6 +117,19 @@ def trio():
     return rig, room_frames(rig)
 
 
+def test_a_third_camera_in_a_row_is_placed_on_site():
+    """Rendered pictures; the pairs' epipolar lines alone let it slide along the row by twelve per cent."""
+    rig = room_rig(3)
+    estimate = TwoViewCameras().estimate(room_session(rig), room_frames(rig))
+    adjustment = adjust_to_site(estimate.rig, estimate.matches, Site(baseline={"value": BASELINE_M, "std": 0.002}))
+    along = adjustment.rig.cameras[2].translation / adjustment.rig.baseline(0, 2)
+    std = float(np.sqrt(along @ adjustment.rig.covariance[27:, 27:] @ along))
+    error = adjustment.rig.baseline(0, 2) - rig.baseline(0, 2)
+    assert adjustment.status == "ok"
+    assert std < 0.01 * rig.baseline(0, 2)
+    assert abs(error) < 3 * std
+
+
 @pytest.fixture(scope="module")
 def estimate(trio):
     rig, frames = trio

@@ -282,8 +282,9 @@ def test_points_do_not_influence_each_other(texture):
 
 def test_progress_counts_frames(texture):
     seen = []
-    IcgnTracker().track(memory_video(moving(texture, sines(4))), POINTS, names=NAMES, progress=seen.append)
-    assert seen == [1, 2, 3, 4]
+    video = memory_video(moving(texture, sines(4)))
+    IcgnTracker().track(video, POINTS, names=NAMES, progress=lambda *step: seen.append(step))
+    assert seen == [("tracking", done, video.info.frame_count) for done in (1, 2, 3, 4)]
 
 
 @pytest.mark.parametrize(

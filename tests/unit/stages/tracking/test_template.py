@@ -6,7 +6,7 @@ import pytest
 from moving_frames import NOISE, NaturalTexture, digitize, memory_video
 from vfm_sdm.core.datasets import Status, check_tracks, make_tracks
 from vfm_sdm.errors import DatasetError, SessionError
-from vfm_sdm.stages.displacement.monocular import planar_displacement, scale_factor
+from vfm_sdm.stages.displacement.monocular import compute_planar_displacement, scale_factor
 from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset
 from vfm_sdm.stages.tracking.template import TemplateTracker
 
@@ -139,7 +139,7 @@ def tracks_of(position, std_px=0.01):
 
 def test_planar_displacement_is_relative_to_the_first_position():
     position = np.array([[[5.0, 5.0], [np.nan, np.nan]], [[6.0, 4.0], [2.0, 2.0]], [[5.0, 5.5], [2.5, 4.0]]])
-    displacement = planar_displacement(tracks_of(position), 2.0)
+    displacement = compute_planar_displacement(tracks_of(position), mm_per_px=2.0, scale_std=0.001)
     expected = [[[0, 0], [np.nan, np.nan]], [[2, -2], [0, 0]], [[0, 1], [1, 4]]]
     np.testing.assert_allclose(displacement["displacement"], expected)
     np.testing.assert_allclose(displacement["displacement_std"], 0.02)
@@ -152,7 +152,7 @@ def test_planar_displacement_is_relative_to_the_first_position():
 
 
 def test_planar_displacement_of_a_point_never_seen_is_nan():
-    displacement = planar_displacement(tracks_of(np.full((3, 1, 2), np.nan)), 2.0)
+    displacement = compute_planar_displacement(tracks_of(np.full((3, 1, 2), np.nan)), mm_per_px=2.0, scale_std=0.001)
     assert np.isnan(displacement["displacement"]).all()
 
 
@@ -160,17 +160,17 @@ def test_planar_displacement_checks_its_input():
     tracks = tracks_of(np.zeros((2, 1, 2)))
     for factor in (0.0, -1.0, np.nan):
         with pytest.raises(DatasetError, match="mm_per_px: expected a positive factor"):
-            planar_displacement(tracks, factor)
+            compute_planar_displacement(tracks, mm_per_px=factor, scale_std=0.001)
     tracks["position"].attrs["units"] = "mm"
     with pytest.raises(DatasetError, match="position: expected units 'px'"):
-        planar_displacement(tracks, 1.0)
+        compute_planar_displacement(tracks, mm_per_px=1.0, scale_std=0.001)
 
 
 def test_from_two_frames_to_millimetres(texture):
     """Alone on one view: a target moves, a known length gives the scale."""
     frames = [digitize(texture.image()), digitize(texture.image((3.0, -1.5)))]
     factor = scale_factor([50.0, 60.0], [50.0, 210.0], 300.0)
-    displacement = planar_displacement(track(frames), factor)["displacement"]
+    displacement = compute_planar_displacement(track(frames), mm_per_px=factor, scale_std=0.001)["displacement"]
     np.testing.assert_allclose(displacement.values[1], np.tile([6.0, -3.0], (3, 1)), atol=0.13)
 
 

@@ -114,7 +114,7 @@ def test_amplitude_scales_the_motion_and_nothing_else(study):
     for what in ("displacement", "acceleration"):
         expected = 0.2 * getattr(base.motion, what)(time_s, places)
         assert np.abs(expected).max() > 1e-4
-        np.testing.assert_allclose(getattr(scaled.motion, what)(time_s, places), expected, atol=1e-15)
+        np.testing.assert_allclose(getattr(scaled.motion, what)(time_s, places), expected, atol=1e-12)
     for what in ("support_m", "span_m", "still_s"):
         assert getattr(scaled.motion, what) == getattr(base.motion, what)
 

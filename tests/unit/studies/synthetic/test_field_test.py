@@ -45,7 +45,7 @@ def test_demo_is_a_session_folder_with_truth(demo, truth):
     assert [point.name for point in session.point] == list(truth["point"].values)
     assert sum(not point.static for point in session.point) == 4
     assert 1 <= sum(point.static for point in session.point) <= 2
-    assert steps == [(k, 60) for k in range(1, 61)]
+    assert steps == [("filming synthetic footbridge", k, 60) for k in range(1, 61)]
 
 
 def test_clock_of_the_videos_is_the_clock_of_the_truth(demo, truth):
@@ -134,7 +134,7 @@ def test_an_earlier_demo_is_replaced_and_a_cut_short_one_is_no_session(tmp_path)
     path = make_demo(tmp_path, seed=1, duration_s=0.5, site=tiny)
     before = path.read_bytes()
 
-    def stop(done, total):
+    def stop(what, done, total):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -160,7 +160,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 def test_a_truth_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "truth.nc").mkdir()
-    with pytest.raises(ResultsError, match="expected to write to this folder"):
+    with pytest.raises(ResultsError, match=r"truth\.nc: expected to write it, got: "):
         make_demo(tmp_path)
 
 

@@ -22,20 +22,64 @@ _UPPER_FIRST = ("vertical", "lateral", "longitudinal")
 
 
 def make_figure(height_in: float) -> Figure:
-    """An empty figure of this height [inch]."""
+    """An empty figure as wide as the text of an A4 page.
+
+    Parameters
+    ----------
+    height_in
+        Height of the figure [inch].
+
+    Examples
+    --------
+    >>> make_figure(3.0).get_size_inches().round(1).tolist()
+    [6.9, 3.0]
+    """
     layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06)
     return Figure(figsize=(WIDTH_IN, height_in), dpi=_DPI, layout=layout)
 
 
 def make_panels(count: int, *, height_in: float, sharey: bool = False) -> tuple[Figure, list[Axes]]:
-    """A figure of panels of this height [inch] one below the other, with one time axis."""
+    """A figure of panels one below the other, with one time axis.
+
+    Parameters
+    ----------
+    count
+        Number of panels.
+    height_in
+        Height of a panel [inch].
+    sharey
+        Whether the panels have one vertical scale.
+
+    Examples
+    --------
+    >>> figure, panels = make_panels(3, height_in=2.0)
+    >>> len(panels)
+    3
+    """
     figure = make_figure(0.7 + height_in * count)
     panels = figure.subplots(count, 1, squeeze=False, sharex=True, sharey=sharey)[:, 0].tolist()
     return figure, panels
 
 
 def add_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> Figure:
-    """The same figure with one legend for all panels, below them so that none covers data, and a title."""
+    """The figure with one legend for all panels, below them so that none covers data, and a title.
+
+    Parameters
+    ----------
+    figure
+        Figure of the panels.
+    panels
+        Panels whose lines have labels.
+    title
+        Title of the figure; none when empty.
+
+    Examples
+    --------
+    >>> figure, panels = make_panels(1, height_in=2.0)
+    >>> _ = panels[0].plot([0, 1], [0, 1], label="vision")
+    >>> [text.get_text() for text in add_legend(figure, panels).legends[0].get_texts()]
+    ['vision']
+    """
     entries: dict[str, Any] = {}
     for panel in panels:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -51,20 +95,47 @@ def add_legend(figure: Figure, panels: Sequence[Axes], title: str = "") -> Figur
 
 
 def panel_order(axis: str) -> int:
-    """Place of an axis' panel: that of the paper, then all others."""
+    """Place of an axis' panel: first those of the paper in its order, then all others.
+
+    Parameters
+    ----------
+    axis
+        Name of a structural axis.
+
+    Examples
+    --------
+    >>> sorted(["lateral", "vertical"], key=panel_order)
+    ['vertical', 'lateral']
+    """
     return _UPPER_FIRST.index(axis) if axis in _UPPER_FIRST else len(_UPPER_FIRST)
 
 
 def save_figure(path: Path | str, figure: Figure) -> Path:
     """Writes a figure as PNG, whole or not at all, and returns its path.
 
-    Figures made anew from equal data give equal bytes (with one version of matplotlib). Drawing a figure a second time
-    may shift its panels by a pixel.
+    Parameters
+    ----------
+    path
+        File to write, with the suffix ``.png``.
+    figure
+        Figure to write, at 200 dots an inch.
 
     Raises
     ------
     ResultsError
         The name does not end in ``.png``, or the file cannot be written.
+
+    Notes
+    -----
+    Figures made anew from equal data give equal bytes (with one version of matplotlib). Drawing a figure a second time
+    may shift its panels by a pixel.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     print(save_figure(f"{folder}/empty.png", make_figure(1.0)).name)
+    empty.png
     """
     target = Path(path)
     if target.suffix.lower() != ".png":

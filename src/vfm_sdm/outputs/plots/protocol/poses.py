@@ -1,4 +1,4 @@
-"""Cameras in 3D: where they stand and what they see, for several estimates at a time."""
+"""Cameras in three dimensions: where they stand and what they see, for several estimates at a time."""
 
 from collections.abc import Mapping
 from itertools import cycle
@@ -13,18 +13,18 @@ from vfm_sdm.core.datasets import CAMERA_AXES, STRUCTURE_AXES
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
-from vfm_sdm.outputs.plots.panels import _BLUE, _GREEN, _ORANGE, _PURPLE, _VERMILION
+from vfm_sdm.outputs.plots.drawing import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from vfm_sdm.outputs.plots.protocol.layout import make_figure
 
 __all__ = ["plot_camera_poses"]
 
 _RIG_STYLES = (
     ("#AAAAAA", 2.2, "-"),  # under the others, and still to be seen
-    (_VERMILION, 0.9, "-"),
-    (_BLUE, 0.9, "--"),
-    (_GREEN, 0.9, ":"),
-    (_PURPLE, 0.9, "-."),
-    (_ORANGE, 0.9, "--"),
+    (VERMILION, 0.9, "-"),
+    (BLUE, 0.9, "--"),
+    (GREEN, 0.9, ":"),
+    (PURPLE, 0.9, "-."),
+    (ORANGE, 0.9, "--"),
 )
 _DIRECTIONS = {"lateral": "lateral (away)", "vertical": "vertical (down)"}
 _SHORTEST = 0.22
@@ -45,15 +45,16 @@ def plot_camera_poses(
     Parameters
     ----------
     rigs
-        By name, such as true and estimated; at least two cameras each. All begin in the same reference camera.
+        Rigs by name, such as true and estimated, with at least two cameras each. All have the same reference camera.
     ax
         Three-dimensional axes to draw into; a new figure when None.
     frame
-        The structure's axes; the reference camera's when None.
+        The structure's axes; those of the reference camera when None.
     points3d
-        Shape (P, 3), in the reference camera's frame and the first rig's unit of length; NaN are left out.
+        Points in the reference camera's frame, shape (P, 3) [length unit of the first rig, such as m]; NaN are left
+        out.
     title
-        What is shown.
+        Title of the picture.
 
     Raises
     ------
@@ -64,8 +65,15 @@ def plot_camera_poses(
     -----
     A rig without metric scale gets the baseline of the first that has it; if none has, every baseline is 1. Pyramids
     reach half the way to the points, and at least as far as the baseline is long.
+
+    Examples
+    --------
+    >>> left = Camera(np.array([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]]), (640, 480))
+    >>> right = Camera(left.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> plot_camera_poses({"true": Rig(("left", "right"), (left, right), metric=True)}).get_xlabel()
+    'right [m]'
     """
-    factors, unit, baseline = _common_scale(rigs)
+    factors, unit, baseline = _choose_scale(rigs)
     axes: Any = ax or make_figure(4.9).add_subplot(projection="3d")
     if getattr(axes, "name", None) != "3d":
         raise DatasetError("ax: expected three-dimensional axes, got flat ones; make them with projection='3d'")
@@ -87,7 +95,7 @@ def plot_camera_poses(
         label = name + ("" if rig.metric or unit != "m" else " (scale aligned)")
         for camera in rig.scaled(factors[name]).cameras:
             draw(camera.center[None], "o", color=colour, markersize=3 + width)
-            draw(_pyramid(camera, depth), color=colour, linewidth=width, linestyle=dashes, label=label)
+            draw(_make_pyramid(camera, depth), color=colour, linewidth=width, linestyle=dashes, label=label)
             label = "_"
     _label_cameras(axes, rigs, factors, rotation)
     _set_limits(axes, np.concatenate(drawn))
@@ -123,7 +131,7 @@ def _set_limits(axes: Any, drawn: FloatArray) -> None:
     axes.set_box_aspect(size)
 
 
-def _common_scale(rigs: Mapping[str, Rig]) -> tuple[dict[str, float], str, float]:
+def _choose_scale(rigs: Mapping[str, Rig]) -> tuple[dict[str, float], str, float]:
     """Factor of each rig's lengths, the common unit, and the baseline in it."""
     if not rigs:
         raise DatasetError("rigs: expected at least one, got none; pass rigs by name")
@@ -136,7 +144,7 @@ def _common_scale(rigs: Mapping[str, Rig]) -> tuple[dict[str, float], str, float
     return factors, "baselines" if metric is None else "m", baseline
 
 
-def _pyramid(camera: Camera, depth: float) -> FloatArray:
+def _make_pyramid(camera: Camera, depth: float) -> FloatArray:
     """One stroke along all edges from the centre to the image's corners at this depth, shape (11, 3)."""
     right, lower = camera.image_size[0] - 0.5, camera.image_size[1] - 0.5
     edge = camera.normalize([[-0.5, -0.5], [right, -0.5], [right, lower], [-0.5, lower]])

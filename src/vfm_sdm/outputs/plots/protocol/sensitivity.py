@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from vfm_sdm.core.datasets import STRUCTURE_AXES
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.outputs.plots.panels import _AXIS_COLOURS, _GREY, _finish
+from vfm_sdm.outputs.plots.drawing import AXIS_COLOURS, GREY, finish_axes
 from vfm_sdm.outputs.plots.protocol.layout import LINE_WIDTH, add_legend, make_figure, panel_order
 
 __all__ = ["SensitivityRecord", "plot_sensitivity"]
@@ -22,7 +22,7 @@ class SensitivityRecord(NamedTuple):
     """The error of one method at one value of one parameter; a plain tuple in this order serves as well."""
 
     parameter: str
-    """With its unit, as it shall stand at the axis: ``amplitude [px]``."""
+    """Name of the parameter with its unit, as it stands at the axis: ``amplitude [px]``."""
     value: float
     method: str
     axis: str
@@ -33,7 +33,7 @@ class SensitivityRecord(NamedTuple):
 def plot_sensitivity(
     records: Iterable[SensitivityRecord | tuple[str, float, str, str, float]], *, log: Collection[str] = ()
 ) -> Figure:
-    """Error against parameters, a panel a parameter: colours are axes, marks and dashes are methods.
+    """Error [1] against parameters, one panel for each: colours are axes, marks and dashes are methods.
 
     Where several records share parameter, value, method and axis, the line runs through their mean and each is a dot.
     A value without a result breaks the line and is marked by a cross at the lower edge.
@@ -41,7 +41,7 @@ def plot_sensitivity(
     Parameters
     ----------
     records
-        At least one; see `SensitivityRecord`.
+        At least one record, in any order (see `SensitivityRecord`).
     log
         Parameters that are drawn on a logarithmic axis.
 
@@ -49,6 +49,12 @@ def plot_sensitivity(
     ------
     DatasetError
         There is no record, a value is not finite, ``log`` names another parameter or one with values <= 0.
+
+    Examples
+    --------
+    >>> records = [("amplitude [px]", value, "with SGR", "vertical", 0.1 / value) for value in (0.5, 1.0, 2.0)]
+    >>> plot_sensitivity(records).axes[0].get_xlabel()
+    'amplitude [px]'
     """
     rows = [SensitivityRecord(*record) for record in records]
     parameters = list(dict.fromkeys(row.parameter for row in rows))
@@ -72,7 +78,7 @@ def plot_sensitivity(
         panel.xaxis.set_major_formatter("{x:g}")
         panel.minorticks_off()
         panel.set_xlabel(parameter)
-        _finish(panel, np.empty(0))
+        finish_axes(panel, np.empty(0))
         if number % columns == 0:
             panel.set_ylabel("NRMSE [1]")
     panels[0].set_ylim(bottom=0)
@@ -95,7 +101,7 @@ def _draw_sensitivity(panel: Axes, rows: list[SensitivityRecord], method: int, l
     if not rows:
         return
     axis = rows[0].axis
-    colour = _AXIS_COLOURS[STRUCTURE_AXES.index(axis)] if axis in STRUCTURE_AXES else _GREY
+    colour = AXIS_COLOURS[STRUCTURE_AXES.index(axis)] if axis in STRUCTURE_AXES else GREY
     marker, dashes = _METHOD_STYLES[method % len(_METHOD_STYLES)]
     value, nrmse = (np.array(column, np.float64) for column in ([r.value for r in rows], [r.nrmse for r in rows]))
     steps = np.unique(value)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.core.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array, mean_of_known
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
 from vfm_sdm.stages.cameras.chessboard.adjustment import AdjustedBoards, adjust_boards
 from vfm_sdm.stages.cameras.chessboard.pairs import PairSet
@@ -177,9 +177,7 @@ def _is_fixed(name: str, fix_tangential: bool, fix_k3: bool) -> bool:
 
 def _rms(residuals: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
     """Root mean square length of residual vectors [px]; NaN where nothing was seen."""
-    squares = (residuals**2).sum(axis=-1)
-    count = np.isfinite(squares).sum(axis=axis)
-    return np.asarray(np.sqrt(np.nansum(squares, axis=axis) / np.where(count > 0, count, np.nan)))
+    return np.asarray(np.sqrt(mean_of_known((residuals**2).sum(axis=-1), axis=axis)))
 
 
 def _result(pairs: PairSet, adjusted: AdjustedBoards) -> ChessboardCalibration:

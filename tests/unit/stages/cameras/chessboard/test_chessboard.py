@@ -59,7 +59,8 @@ class TestTruth:
     def test_board_twice_as_large_doubles_the_baseline(self):
         _, corners = simulated()
         once, twice = (calibrate_rig(corners, factor * BOARD, SIZES) for factor in (1, 2))
-        assert twice.baseline_m == pytest.approx(2 * once.baseline_m, rel=1e-9)
+        # Where the minimisation stops, next to what the corners tell.
+        assert twice.baseline_m == pytest.approx(2 * once.baseline_m, abs=1e-4 * twice.baseline_std_m)
         assert twice.baseline_std_m == pytest.approx(2 * once.baseline_std_m, rel=1e-6)
 
     def test_swapped_views_agree(self):
@@ -136,7 +137,7 @@ class TestBadPairs:
         found = calibrate_rig(corners, BOARD, SIZES)
         assert found.reordered == ("pair 3", "pair 8")
         assert found.dropped == {}
-        assert found.baseline_m == pytest.approx(straight.baseline_m, abs=1e-10)
+        assert found.baseline_m == pytest.approx(straight.baseline_m, abs=1e-4 * straight.baseline_std_m)
         assert found.baseline_m == pytest.approx(rig.baseline(), abs=4 * found.baseline_std_m)
 
     @pytest.mark.parametrize("symmetry", [1, 2, 3])
