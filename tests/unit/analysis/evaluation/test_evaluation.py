@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from vfm_sdm.analysis.evaluation import evaluate, write_evaluation
+from vfm_sdm.analysis.evaluation import ReferenceClock, evaluate, write_evaluation
 from vfm_sdm.analysis.evaluation.metrics import nrmse_range
 from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement, make_reference
 from vfm_sdm.errors import DatasetError, ResultsError
@@ -99,11 +99,11 @@ def test_a_sensor_is_aligned_by_itself():
 
 def test_a_known_lag_is_taken_as_it_is():
     reference = sensors(lag_s=0.8)
-    right = evaluate(measured(), reference, pairs=PAIRS, synchronize=False, start_lag_s=0.8)
+    right = evaluate(measured(), reference, pairs=PAIRS, clock=ReferenceClock(synchronize=False, start_lag_s=0.8))
     assert right.synchronization is None
     assert right.row("mid", "lateral").score.nrmse_range < 0.002
     # The reference happens 6 ms too late then, so the estimate happens 6 ms too early.
-    wrong = evaluate(measured(), reference, pairs=PAIRS, synchronize=False, start_lag_s=0.794)
+    wrong = evaluate(measured(), reference, pairs=PAIRS, clock=ReferenceClock(synchronize=False, start_lag_s=0.794))
     assert wrong.row("mid", "lateral").score.lag_s == pytest.approx(-6e-3, abs=2e-4)
     assert wrong.row("mid", "lateral").score.nrmse_range > 0.01
 
@@ -118,7 +118,7 @@ def test_a_drifting_clock_is_followed():
 
 def test_displacement_with_another_clock_can_be_aligned():
     late = measured().assign_coords(time=("time", TIME + 0.4, {"units": "s"}))
-    result = evaluate(late, measured(), synchronize=True)
+    result = evaluate(late, measured(), clock=ReferenceClock(synchronize=True))
     assert result.synchronization.lag_s == pytest.approx(-0.4, abs=5e-4)
     assert not result.rows[0].score.offset_removed
     # Unless told so, clocks of displacement are one.
@@ -184,7 +184,7 @@ def test_without_a_lag_there_is_no_figure(tmp_path):
     rng = np.random.default_rng(2)
     reference = sensors()
     reference["displacement"].values[:] = rng.standard_normal(reference["displacement"].shape)
-    result = evaluate(measured(), reference, pairs=PAIRS, search_s=1.0)
+    result = evaluate(measured(), reference, pairs=PAIRS, clock=ReferenceClock(search_s=1.0))
     assert result.notes == (
         f"lag of the reference unknown: {result.synchronization.status}; widen or narrow the search, or state the lag",
     )
