@@ -17,6 +17,7 @@ acceleration, reference
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ __all__ = [
     "PIXEL",
     "STATUS_MEANINGS",
     "STRUCTURE_AXES",
+    "DisplacementArrays",
+    "ReferenceFacts",
     "Status",
     "check_acceleration",
     "check_displacement",
@@ -223,27 +226,12 @@ def check_tracks(tracks: xr.Dataset, *, synchronized: bool = False) -> xr.Datase
     return tracks
 
 
-def make_displacement(
-    time_s: npt.ArrayLike,
-    points: Sequence[str],
-    axes: Sequence[str],
-    *,
-    displacement_mm: npt.ArrayLike,
-    displacement_std_mm: npt.ArrayLike,
-    scale_std: npt.ArrayLike,
-    position_m: npt.ArrayLike,
-    reprojection_error_px: npt.ArrayLike,
-    status: npt.ArrayLike,
-    attrs: Mapping[str, Any],
-) -> xr.Dataset:
-    """Displacement of points along named axes.
+@dataclass(frozen=True, eq=False)
+class DisplacementArrays:
+    """Displacement of P points at T times along three axes, and what is known of it.
 
     Parameters
     ----------
-    time_s
-        Common clock, shape (T,) [s].
-    points, axes
-        Names, lengths P and 3.
     displacement_mm, displacement_std_mm
         Shape (T, P, 3) [mm]; the standard deviation is the random part only.
     scale_std
@@ -254,6 +242,34 @@ def make_displacement(
         Shape (T, P) [px].
     status
         Codes of `Status`, shape (T, P).
+    """
+
+    displacement_mm: npt.ArrayLike
+    displacement_std_mm: npt.ArrayLike
+    scale_std: npt.ArrayLike
+    position_m: npt.ArrayLike
+    reprojection_error_px: npt.ArrayLike
+    status: npt.ArrayLike
+
+
+def make_displacement(
+    time_s: npt.ArrayLike,
+    points: Sequence[str],
+    axes: Sequence[str],
+    arrays: DisplacementArrays,
+    *,
+    attrs: Mapping[str, Any],
+) -> xr.Dataset:
+    """Displacement of points along named axes.
+
+    Parameters
+    ----------
+    time_s
+        Common clock, shape (T,) [s].
+    points, axes
+        Names, lengths P and 3.
+    arrays
+        Displacement and what is known of it, of T samples and P points along the axes.
     attrs
         ``frame`` and whatever else explains the values.
 
@@ -266,12 +282,12 @@ def make_displacement(
     try:
         displacement = xr.Dataset(
             {
-                "displacement": (dims, np.asarray(displacement_mm, np.float64), {"units": "mm"}),
-                "displacement_std": (dims, np.asarray(displacement_std_mm, np.float64), {"units": "mm"}),
-                "scale_std": (("point", "axis"), np.asarray(scale_std, np.float64), {"units": "1"}),
-                "position": (dims, np.asarray(position_m, np.float64), {"units": "m"}),
-                "reprojection_error": (dims[:2], np.asarray(reprojection_error_px, np.float64), {"units": "px"}),
-                "status": status_variable(dims[:2], status),
+                "displacement": (dims, np.asarray(arrays.displacement_mm, np.float64), {"units": "mm"}),
+                "displacement_std": (dims, np.asarray(arrays.displacement_std_mm, np.float64), {"units": "mm"}),
+                "scale_std": (("point", "axis"), np.asarray(arrays.scale_std, np.float64), {"units": "1"}),
+                "position": (dims, np.asarray(arrays.position_m, np.float64), {"units": "m"}),
+                "reprojection_error": (dims[:2], np.asarray(arrays.reprojection_error_px, np.float64), {"units": "px"}),
+                "status": status_variable(dims[:2], arrays.status),
             },
             coords={
                 "time": ("time", np.asarray(time_s, np.float64), {"units": "s"}),
@@ -342,15 +358,32 @@ def make_acceleration(
     return check_acceleration(dataset)
 
 
+@dataclass(frozen=True)
+class ReferenceFacts:
+    """What must be known of a reference displacement.
+
+    Parameters
+    ----------
+    sampling_rate_hz
+        Samples a second of the sensors' clock [Hz].
+    onset_s
+        Where on the clock the motion that was evaluated begins [s].
+    band_hz
+        Frequencies that the reference can show [Hz].
+    """
+
+    sampling_rate_hz: float
+    onset_s: float
+    band_hz: tuple[float, float]
+
+
 def make_reference(
     time_s: npt.ArrayLike,
     sensors: Sequence[str],
     axes: Sequence[str],
     displacement_mm: npt.ArrayLike,
     *,
-    sampling_rate_hz: float,
-    onset_s: float,
-    band_hz: tuple[float, float],
+    facts: ReferenceFacts,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Reference displacement of sensors that share a clock; arguments as in `make_acceleration`, and these.
@@ -359,10 +392,8 @@ def make_reference(
     ----------
     displacement_mm
         Shape (T, S, A) [mm]; NaN before the onset.
-    onset_s
-        Where on the clock the motion that was evaluated begins [s].
-    band_hz
-        Frequencies that the reference can show [Hz].
+    facts
+        Sampling rate, onset and band, in Hz and s.
 
     Raises
     ------
@@ -371,7 +402,11 @@ def make_reference(
     """
     coords = _sensor_coords(time_s, sensors, axes)
     signal = {"displacement": (_SENSOR_DIMS, np.asarray(displacement_mm, np.float64), {"units": "mm"})}
-    known = {"sampling_rate_hz": float(sampling_rate_hz), "onset_s": float(onset_s), "band_hz": list(band_hz)}
+    known = {
+        "sampling_rate_hz": float(facts.sampling_rate_hz),
+        "onset_s": float(facts.onset_s),
+        "band_hz": list(facts.band_hz),
+    }
     try:
         dataset = xr.Dataset(signal, coords, {**known, **(attrs or {})})
     except ValueError as error:

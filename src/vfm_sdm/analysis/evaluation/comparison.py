@@ -116,7 +116,7 @@ def evaluate(
 
     Examples
     --------
-    >>> from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
     >>> time_s = np.arange(300) / 30
     >>> def moving(gain):
     ...     motion = gain * np.sin(2 * np.pi * 2 * time_s)[:, None, None] * [1.0, 2.0, 0.0]
@@ -124,12 +124,14 @@ def evaluate(
     ...         time_s,
     ...         ["mid"],
     ...         STRUCTURE_AXES,
-    ...         displacement_mm=motion,
-    ...         displacement_std_mm=np.full((300, 1, 3), 0.1),
-    ...         scale_std=np.zeros((1, 3)),
-    ...         position_m=np.zeros((300, 1, 3)),
-    ...         reprojection_error_px=np.zeros((300, 1)),
-    ...         status=np.zeros((300, 1)),
+    ...         DisplacementArrays(
+    ...             displacement_mm=motion,
+    ...             displacement_std_mm=np.full((300, 1, 3), 0.1),
+    ...             scale_std=np.zeros((1, 3)),
+    ...             position_m=np.zeros((300, 1, 3)),
+    ...             reprojection_error_px=np.zeros((300, 1)),
+    ...             status=np.zeros((300, 1)),
+    ...         ),
     ...         attrs={"frame": "structure"},
     ...     )
     >>> evaluation = evaluate(moving(1.01), moving(1.0))

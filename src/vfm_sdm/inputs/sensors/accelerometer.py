@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
-from vfm_sdm.core.datasets import check_acceleration, make_reference
+from vfm_sdm.core.datasets import ReferenceFacts, check_acceleration, make_reference
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.filters import band_pass, hampel, shortest_band_pass_s
 
@@ -174,9 +174,7 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
         [str(name) for name in acceleration["sensor"].values],
         [str(name) for name in acceleration["axis"].values],
         resample(displacement, clock, grid) * _MM_PER_M,
-        sampling_rate_hz=settings.rate_hz,
-        onset_s=float(clock[0]),
-        band_hz=settings.band_hz,
+        facts=ReferenceFacts(settings.rate_hz, float(clock[0]), settings.band_hz),
         attrs={
             "onset_status": status,
             "integration": settings.integration,

@@ -80,10 +80,9 @@ def write_reference(path: Path | str, reference: xr.Dataset) -> Path:
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
-    >>> from vfm_sdm.core.datasets import make_reference
-    >>> gauge = make_reference(
-    ...     [0.0, 0.1], ["gauge"], ["vertical"], np.ones((2, 1, 1)), sampling_rate_hz=10, onset_s=0, band_hz=(0, 5)
-    ... )
+    >>> from vfm_sdm.core.datasets import ReferenceFacts, make_reference
+    >>> facts = ReferenceFacts(sampling_rate_hz=10, onset_s=0, band_hz=(0, 5))
+    >>> gauge = make_reference([0.0, 0.1], ["gauge"], ["vertical"], np.ones((2, 1, 1)), facts=facts)
     >>> with TemporaryDirectory() as folder:
     ...     print(read_comparison(write_reference(f"{folder}/gauge.nc", gauge))["displacement"].shape)
     (2, 1, 1)

@@ -5,7 +5,7 @@ import pytest
 
 from vfm_sdm.analysis.evaluation import ReferenceClock, evaluate, write_evaluation
 from vfm_sdm.analysis.evaluation.metrics import nrmse_range
-from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement, make_reference
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, ReferenceFacts, make_displacement, make_reference
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.signals.filters import band_pass
 
@@ -29,12 +29,14 @@ def measured(time_s=TIME, *, change=lambda values: values, std=0.05, scale_std=0
         time_s,
         POINTS,
         STRUCTURE_AXES,
-        displacement_mm=change(values),
-        displacement_std_mm=np.full(shape, std),
-        scale_std=np.full(shape[1:], scale_std),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int),
+        DisplacementArrays(
+            displacement_mm=change(values),
+            displacement_std_mm=np.full(shape, std),
+            scale_std=np.full(shape[1:], scale_std),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int),
+        ),
         attrs={"frame": "structure", **attrs},
     )
 
@@ -44,7 +46,7 @@ def sensors(lag_s=0.0, *, ratio=1.0, duration_s=20.0, band_hz=(1.0, 10.0), axes=
     stamps = np.arange(int(duration_s * 30)) / 30
     true = (stamps - lag_s) * ratio
     values = np.stack([[motion(true, p, STRUCTURE_AXES.index(a)) for a in axes] for p in range(2)]).transpose(2, 0, 1)
-    return make_reference(stamps, ("s1", "s2"), axes, values + offset, sampling_rate_hz=30, onset_s=0, band_hz=band_hz)
+    return make_reference(stamps, ("s1", "s2"), axes, values + offset, facts=ReferenceFacts(30, 0, band_hz))
 
 
 PAIRS = {"mid": "s1", "quarter": "s2"}

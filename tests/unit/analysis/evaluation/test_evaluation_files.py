@@ -10,7 +10,7 @@ from vfm_sdm.analysis.evaluation import (
     read_sensors,
     write_reference,
 )
-from vfm_sdm.core.datasets import make_acceleration, make_displacement
+from vfm_sdm.core.datasets import DisplacementArrays, make_acceleration, make_displacement
 from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
 from vfm_sdm.inputs.sensors.sensor_csv import read_acceleration
@@ -52,12 +52,14 @@ def run(tmp_path):
         TIME,
         ["mid", "quarter", "abutment"],
         AXES,
-        displacement_mm=values,
-        displacement_std_mm=np.full(shape, 0.01),
-        scale_std=np.zeros(shape[1:]),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int),
+        DisplacementArrays(
+            displacement_mm=values,
+            displacement_std_mm=np.full(shape, 0.01),
+            scale_std=np.zeros(shape[1:]),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int),
+        ),
         attrs={"frame": "structure"},
     )
     write_displacement(tmp_path / "run", displacement)

@@ -6,7 +6,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.signal import fftconvolve
 
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement, make_tracks
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement, make_tracks
 from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize import (
@@ -338,12 +338,14 @@ def vision_and_sensor(rng, lag_s):
         clock,
         ["p"],
         STRUCTURE_AXES,
-        displacement_mm=(seen + 0.15 * rng.normal(size=seen.shape))[:, None],
-        displacement_std_mm=np.full(shape, 0.15),
-        scale_std=np.zeros((1, 3)),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int),
+        DisplacementArrays(
+            displacement_mm=(seen + 0.15 * rng.normal(size=seen.shape))[:, None],
+            displacement_std_mm=np.full(shape, 0.15),
+            scale_std=np.zeros((1, 3)),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int),
+        ),
         attrs={"frame": "structure"},
     )
     values = (sensed + 0.03 * rng.normal(size=sensed.shape))[:, None]
