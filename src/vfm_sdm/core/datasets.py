@@ -11,9 +11,8 @@ tracks
 displacement
     dims ``time, point, axis``; ``displacement`` [mm], ``displacement_std`` [mm] (random part), ``scale_std`` [1]
     (systematic part, dims ``point, axis``), ``position`` [m], ``reprojection_error`` [px], ``status``.
-acceleration, reference
-    A sensor's own clock, even: dims ``time, sensor, axis``; ``acceleration`` [m/s2] or ``displacement`` [mm]; attribute
-    ``sampling_rate_hz``, and of a reference ``onset_s`` (NaN before it) and ``band_hz`` (what it can show).
+
+The datasets of sensors stand in `vfm_sdm.core.sensor_datasets`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +23,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, clock_departure
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.dataset_checks import check_clock, check_variable
 from vfm_sdm.core.statuses import SampleStatus
 from vfm_sdm.errors import DatasetError
 
@@ -34,18 +34,13 @@ __all__ = [
     "STATUS_MEANINGS",
     "STRUCTURE_AXES",
     "DisplacementArrays",
-    "ReferenceFacts",
     "Status",
-    "check_acceleration",
     "check_displacement",
     "check_points",
-    "check_reference",
     "check_tracks",
     "convert_units",
-    "make_acceleration",
     "make_displacement",
     "make_points",
-    "make_reference",
     "make_tracks",
     "status_variable",
     "trusted_values",
@@ -64,12 +59,8 @@ class Status:
     OK, LOST, OUTSIDE, UNRELIABLE, BEHIND = range(len(SampleStatus))
 
 
-_SENSOR_DIMS = ("time", "sensor", "axis")
 _SEVERITY = np.array([0, 2, 3, 1, 4])
 """Of the codes of `Status`, in their order."""
-_UNEVEN = 0.01
-"""Share of the sampling interval by which a time stamp of a sensor's clock may be off: its stamps are computed from the
-rate, so that only the digits of a stated rate can part them."""
 _UNIT_FACTORS = {("m", "mm"): 1e3, ("mm", "m"): 1e-3, ("g", "m/s2"): 9.80665, ("m/s2", "g"): 1 / 9.80665}
 
 
@@ -148,9 +139,9 @@ def check_points(points: xr.Dataset) -> xr.Dataset:
     DatasetError
         A variable is missing, or has other dims or units.
     """
-    _check_variable(points, "position", ("view", "point", "pixel"), "px")
-    _check_variable(points, "position_std", ("view", "point", "pixel"), "px")
-    _check_variable(points, "status", ("view", "point"), None)
+    check_variable(points, "position", ("view", "point", "pixel"), "px")
+    check_variable(points, "position_std", ("view", "point", "pixel"), "px")
+    check_variable(points, "status", ("view", "point"), None)
     return points
 
 
@@ -219,10 +210,10 @@ def check_tracks(tracks: xr.Dataset, *, synchronized: bool = False) -> xr.Datase
         A variable is missing, or has other dims or units; the clock does not increase.
     """
     lead = ("view",) if synchronized else ()
-    _check_variable(tracks, "position", (*lead, "time", "point", "pixel"), "px")
-    _check_variable(tracks, "position_covariance", (*lead, "time", "point", "pixel_a", "pixel_b"), "px2")
-    _check_variable(tracks, "status", (*lead, "time", "point"), None)
-    _check_clock(tracks)
+    check_variable(tracks, "position", (*lead, "time", "point", "pixel"), "px")
+    check_variable(tracks, "position_covariance", (*lead, "time", "point", "pixel_a", "pixel_b"), "px2")
+    check_variable(tracks, "status", (*lead, "time", "point"), None)
+    check_clock(tracks)
     return tracks
 
 
@@ -310,137 +301,14 @@ def check_displacement(displacement: xr.Dataset) -> xr.Dataset:
         A variable is missing, or has other dims or units; the clock does not increase.
     """
     dims = ("time", "point", "axis")
-    _check_variable(displacement, "displacement", dims, "mm")
-    _check_variable(displacement, "displacement_std", dims, "mm")
-    _check_variable(displacement, "scale_std", ("point", "axis"), "1")
-    _check_variable(displacement, "position", dims, "m")
-    _check_variable(displacement, "reprojection_error", dims[:2], "px")
-    _check_variable(displacement, "status", dims[:2], None)
-    _check_clock(displacement)
+    check_variable(displacement, "displacement", dims, "mm")
+    check_variable(displacement, "displacement_std", dims, "mm")
+    check_variable(displacement, "scale_std", ("point", "axis"), "1")
+    check_variable(displacement, "position", dims, "m")
+    check_variable(displacement, "reprojection_error", dims[:2], "px")
+    check_variable(displacement, "status", dims[:2], None)
+    check_clock(displacement)
     return displacement
-
-
-def make_acceleration(
-    time_s: npt.ArrayLike,
-    sensors: Sequence[str],
-    axes: Sequence[str],
-    acceleration: npt.ArrayLike,
-    *,
-    sampling_rate_hz: float,
-    attrs: Mapping[str, Any] | None = None,
-) -> xr.Dataset:
-    """Acceleration of sensors that share a clock.
-
-    Parameters
-    ----------
-    time_s
-        The sensors' clock, ``t0 + i / sampling_rate_hz``, shape (T,) [s].
-    sensors, axes
-        Names, lengths S and A.
-    acceleration
-        Shape (T, S, A) [m/s2], gravity and bias included.
-    sampling_rate_hz
-        Samples a second of that clock [Hz].
-    attrs
-        Whatever else explains the values.
-
-    Raises
-    ------
-    DatasetError
-        Shapes disagree, or the clock is not even.
-    """
-    coords = _sensor_coords(time_s, sensors, axes)
-    signal = {"acceleration": (_SENSOR_DIMS, np.asarray(acceleration, np.float64), {"units": "m/s2"})}
-    try:
-        dataset = xr.Dataset(signal, coords, {"sampling_rate_hz": float(sampling_rate_hz), **(attrs or {})})
-    except ValueError as error:
-        raise DatasetError(f"acceleration: expected shape (time, sensor, axis); {error}") from error
-    return check_acceleration(dataset)
-
-
-@dataclass(frozen=True)
-class ReferenceFacts:
-    """What must be known of a reference displacement.
-
-    Parameters
-    ----------
-    sampling_rate_hz
-        Samples a second of the sensors' clock [Hz].
-    onset_s
-        Where on the clock the motion that was evaluated begins [s].
-    band_hz
-        Frequencies that the reference can show [Hz].
-    """
-
-    sampling_rate_hz: float
-    onset_s: float
-    band_hz: tuple[float, float]
-
-
-def make_reference(
-    time_s: npt.ArrayLike,
-    sensors: Sequence[str],
-    axes: Sequence[str],
-    displacement_mm: npt.ArrayLike,
-    *,
-    facts: ReferenceFacts,
-    attrs: Mapping[str, Any] | None = None,
-) -> xr.Dataset:
-    """Reference displacement of sensors that share a clock; arguments as in `make_acceleration`, and these.
-
-    Parameters
-    ----------
-    displacement_mm
-        Shape (T, S, A) [mm]; NaN before the onset.
-    facts
-        Sampling rate, onset and band, in Hz and s.
-
-    Raises
-    ------
-    DatasetError
-        Shapes disagree, or the clock is not even.
-    """
-    coords = _sensor_coords(time_s, sensors, axes)
-    signal = {"displacement": (_SENSOR_DIMS, np.asarray(displacement_mm, np.float64), {"units": "mm"})}
-    known = {
-        "sampling_rate_hz": float(facts.sampling_rate_hz),
-        "onset_s": float(facts.onset_s),
-        "band_hz": list(facts.band_hz),
-    }
-    try:
-        dataset = xr.Dataset(signal, coords, {**known, **(attrs or {})})
-    except ValueError as error:
-        raise DatasetError(f"reference: expected shape (time, sensor, axis); {error}") from error
-    return check_reference(dataset)
-
-
-def check_acceleration(acceleration: xr.Dataset) -> xr.Dataset:
-    """The same acceleration, after checking dims, units and clock.
-
-    Raises
-    ------
-    DatasetError
-        The variable is missing, or has other dims or units; the clock is not even.
-    """
-    _check_variable(acceleration, "acceleration", _SENSOR_DIMS, "m/s2")
-    _check_even_clock(acceleration)
-    return acceleration
-
-
-def check_reference(reference: xr.Dataset) -> xr.Dataset:
-    """The same reference displacement, after checking dims, units, clock and attributes.
-
-    Raises
-    ------
-    DatasetError
-        The variable or an attribute is missing, or has other dims or units; the clock is not even.
-    """
-    _check_variable(reference, "displacement", _SENSOR_DIMS, "mm")
-    _check_even_clock(reference)
-    missing = [name for name in ("onset_s", "band_hz") if name not in reference.attrs]
-    if missing:
-        raise DatasetError(f"reference: expected attributes onset_s and band_hz, missing {missing}; set them")
-    return reference
 
 
 def trusted_values(dataset: xr.Dataset, name: str) -> FloatArray:
@@ -473,38 +341,3 @@ def convert_units(array: xr.DataArray, units: str) -> xr.DataArray:
     converted: xr.DataArray = array * _UNIT_FACTORS[(have, units)]
     converted.attrs = {**array.attrs, "units": units}
     return converted
-
-
-def _check_variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], units: str | None) -> None:
-    if name not in dataset:
-        raise DatasetError(f"dataset: expected a variable {name!r}, got {sorted(map(str, dataset.data_vars))}")
-    variable = dataset[name]
-    if variable.dims != dims:
-        raise DatasetError(f"{name}: expected dims {dims}, got {variable.dims}; transpose or rename them")
-    if units is not None and variable.attrs.get("units") != units:
-        raise DatasetError(f"{name}: expected units {units!r}, got {variable.attrs.get('units')!r}; convert them")
-
-
-def _check_clock(dataset: xr.Dataset) -> None:
-    time_s = dataset["time"].values
-    if not np.isfinite(time_s).all() or np.any(np.diff(time_s) <= 0):
-        raise DatasetError("time: expected finite, increasing seconds, got repeated or falling stamps; sort the frames")
-
-
-def _check_even_clock(dataset: xr.Dataset) -> None:
-    _check_clock(dataset)
-    rate = float(dataset.attrs.get("sampling_rate_hz", np.nan))
-    if not (rate > 0 and np.isfinite(rate)):
-        raise DatasetError(f"sampling_rate_hz: expected an attribute > 0 Hz, got {rate}; set it")
-    time_s = dataset["time"].values
-    off = np.abs(clock_departure(time_s, 1 / rate))
-    if np.any(off > _UNEVEN):
-        raise DatasetError(
-            f"time: expected t0 + i / {rate:g} s, got {time_s[off > _UNEVEN][0]:.6f} s as sample "
-            f"{np.flatnonzero(off > _UNEVEN)[0]}; cut the recording at the gap, or resample it"
-        )
-
-
-def _sensor_coords(time_s: npt.ArrayLike, sensors: Sequence[str], axes: Sequence[str]) -> dict[str, Any]:
-    time = ("time", np.asarray(time_s, np.float64), {"units": "s"})
-    return {"time": time, "sensor": list(sensors), "axis": list(axes)}

@@ -13,18 +13,20 @@ from vfm_sdm.core.datasets import (
     STATUS_MEANINGS,
     STRUCTURE_AXES,
     DisplacementArrays,
-    ReferenceFacts,
     Status,
-    check_acceleration,
     check_displacement,
-    check_reference,
     check_tracks,
     convert_units,
-    make_acceleration,
     make_displacement,
-    make_reference,
     make_tracks,
     status_variable,
+)
+from vfm_sdm.core.sensor_datasets import (
+    ReferenceFacts,
+    check_acceleration,
+    check_reference,
+    make_acceleration,
+    make_reference,
 )
 from vfm_sdm.errors import DatasetError, SessionError, VfmSdmError
 

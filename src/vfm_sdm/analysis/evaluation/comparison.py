@@ -10,7 +10,8 @@ import xarray as xr
 from vfm_sdm.analysis.evaluation.metrics import Score, score
 from vfm_sdm.analysis.evaluation.records import Evaluation, EvaluationRow
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import check_displacement, check_reference
+from vfm_sdm.core.datasets import check_displacement
+from vfm_sdm.core.sensor_datasets import check_reference
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.clocks import estimate_remaining_lag, even_clock, interpolate
 from vfm_sdm.signals.filters import band_pass

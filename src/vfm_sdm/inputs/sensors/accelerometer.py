@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
-from vfm_sdm.core.datasets import ReferenceFacts, check_acceleration, make_reference
+from vfm_sdm.core.sensor_datasets import ReferenceFacts, check_acceleration, make_reference
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.filters import band_pass, hampel, shortest_band_pass_s
 
@@ -141,7 +141,7 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
 
     Examples
     --------
-    >>> from vfm_sdm.core.datasets import make_acceleration
+    >>> from vfm_sdm.core.sensor_datasets import make_acceleration
     >>> time_s = np.arange(2000) / 100
     >>> vibration = -4e-3 * (2 * np.pi * 2) ** 2 * np.sin(2 * np.pi * 2 * time_s)
     >>> recorded = make_acceleration(time_s, ["midspan"], ["vertical"], vibration[:, None, None], sampling_rate_hz=100)

@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, clock_departure
-from vfm_sdm.core.datasets import STRUCTURE_AXES, ReferenceFacts, convert_units, make_acceleration, make_reference
+from vfm_sdm.core.datasets import STRUCTURE_AXES, convert_units
+from vfm_sdm.core.sensor_datasets import ReferenceFacts, make_acceleration, make_reference
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["read_acceleration", "read_reference"]

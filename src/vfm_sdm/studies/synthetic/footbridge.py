@@ -14,7 +14,7 @@ from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.studies.synthetic.scene import Face, Mark, Scene, Texture, coarsest_pixel
 
-__all__ = ["FootbridgeSite", "build_footbridge", "make_camera"]
+__all__ = ["FootbridgeSite", "Lens", "build_footbridge", "make_camera"]
 
 _PIXELS_PER_WAVELENGTH = 2.6
 """Shortest wavelength of a texture, in sizes of the coarsest pixel that sees it."""
@@ -25,15 +25,27 @@ _POST_SPACING_M = 1.2
 _Triple = tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics of a camera whose principal point is the image's centre.
+
+    Parameters
+    ----------
+    focal_px
+        Focal length [px].
+    image_size
+        Width and height [px].
+    k1
+        First radial coefficient of the distortion [1].
+    """
+
+    focal_px: float
+    image_size: tuple[int, int]
+    k1: float = 0.0
+
+
 def make_camera(
-    center: FloatArray,
-    angle_rad: float,
-    *,
-    focal_px: float,
-    image_size: tuple[int, int],
-    pitch_rad: float = 0.0,
-    roll_rad: float = 0.0,
-    k1: float = 0.0,
+    center: FloatArray, angle_rad: float, lens: Lens, *, pitch_rad: float = 0.0, roll_rad: float = 0.0
 ) -> Camera:
     """A camera in the structural axes whose optical axis meets the longitudinal axis at a horizontal angle.
 
@@ -43,12 +55,8 @@ def make_camera(
         Optical centre, shape (3,) [m].
     angle_rad, pitch_rad, roll_rad
         As in `vfm_sdm.geometry.structure_frame.structure_from_cam1` [rad].
-    focal_px
-        Focal length; the principal point is the image's centre [px].
-    image_size
-        Width and height [px].
-    k1
-        First radial coefficient of the distortion [1].
+    lens
+        Its intrinsics [px].
 
     Returns
     -------
@@ -57,15 +65,15 @@ def make_camera(
 
     Examples
     --------
-    >>> camera = make_camera(np.zeros(3), np.pi / 2, focal_px=1000.0, image_size=(640, 480))
+    >>> camera = make_camera(np.zeros(3), np.pi / 2, Lens(1000.0, (640, 480)))
     >>> camera.project([10.0, 0.0, 0.0]).round(6).tolist()
     [319.5, 239.5]
     """
-    width, height = image_size
-    K = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
+    width, height = lens.image_size
+    K = np.array([[lens.focal_px, 0, (width - 1) / 2], [0, lens.focal_px, (height - 1) / 2], [0, 0, 1]])
     R = structure_from_cam1(angle_rad, pitch_rad=pitch_rad, roll_rad=roll_rad).T
     pose = np.column_stack([R, -R @ np.asarray(center, np.float64)])
-    return Camera(K=K, image_size=image_size, distortion=np.array([k1, 0, 0, 0, 0]), cam_from_world=pose)
+    return Camera(K=K, image_size=lens.image_size, distortion=np.array([lens.k1, 0, 0, 0, 0]), cam_from_world=pose)
 
 
 @dataclass(frozen=True)
@@ -123,19 +131,15 @@ class FootbridgeSite:
         first = make_camera(
             np.zeros(3),
             compute_view_angle(self.perpendicular_m, self.longitudinal_m),
-            focal_px=scale * self.focal_px[0],
-            image_size=self.image_size,
-            k1=self.k1[0],
+            Lens(scale * self.focal_px[0], self.image_size, self.k1[0]),
         )
         center = np.asarray(self.second_center)
         second = make_camera(
             center,
             compute_view_angle(self.perpendicular_m - center[0], self.second_target_m - center[2]),
-            focal_px=scale * self.focal_px[1],
-            image_size=self.image_size,
+            Lens(scale * self.focal_px[1], self.image_size, self.k1[1]),
             pitch_rad=np.deg2rad(-0.7),
             roll_rad=np.deg2rad(0.9),
-            k1=self.k1[1],
         )
         return first, second
 

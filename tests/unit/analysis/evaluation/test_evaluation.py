@@ -5,7 +5,8 @@ import pytest
 
 from vfm_sdm.analysis.evaluation import ReferenceClock, evaluate, write_evaluation
 from vfm_sdm.analysis.evaluation.metrics import nrmse_range
-from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, ReferenceFacts, make_displacement, make_reference
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
+from vfm_sdm.core.sensor_datasets import ReferenceFacts, make_reference
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.signals.filters import band_pass
 

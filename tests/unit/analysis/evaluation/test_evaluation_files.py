@@ -10,7 +10,8 @@ from vfm_sdm.analysis.evaluation import (
     read_sensors,
     write_reference,
 )
-from vfm_sdm.core.datasets import DisplacementArrays, make_acceleration, make_displacement
+from vfm_sdm.core.datasets import DisplacementArrays, make_displacement
+from vfm_sdm.core.sensor_datasets import make_acceleration
 from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
 from vfm_sdm.inputs.sensors.sensor_csv import read_acceleration

@@ -7,7 +7,7 @@ import pytest
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.structure_frame import structure_from_cam1
 from vfm_sdm.studies.synthetic.field_test import demo_plan
-from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, build_footbridge, make_camera
+from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, Lens, build_footbridge, make_camera
 from vfm_sdm.studies.synthetic.imager import Imager
 from vfm_sdm.studies.synthetic.motion import modal_displacement
 from vfm_sdm.studies.synthetic.render import Renderer
@@ -46,7 +46,7 @@ def test_reference_camera_is_level_and_looks_at_the_point_whose_distances_were_m
 
 
 def test_structure_is_on_the_right_of_an_observer_who_looks_along_it(site):
-    along = make_camera(np.zeros(3), 0.0, focal_px=500.0, image_size=(640, 480))
+    along = make_camera(np.zeros(3), 0.0, Lens(500.0, (640, 480)))
     u, _ = along.project([site.perpendicular_m, 0.0, 30.0])
     assert u > 320
 
