@@ -1,5 +1,7 @@
 """The IC-GN tracker on videos with exact truth: what it follows, and what it refuses to make up."""
 
+from dataclasses import fields
+
 import cv2
 import numpy as np
 import pytest
@@ -23,7 +25,8 @@ def texture():
 
 def track(frames, points=POINTS, names=None, reference_frame=0, **options):
     names = NAMES[: len(points)] if names is None else names
-    tracker = IcgnTracker(**options)
+    follow = {field.name: options.pop(field.name) for field in fields(FollowSettings) if field.name in options}
+    tracker = IcgnTracker(settings=FollowSettings(**follow), **options)
     return check_tracks(tracker.track(memory_video(frames), points, names=names, reference_frame=reference_frame))
 
 
