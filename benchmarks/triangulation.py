@@ -18,7 +18,7 @@ import numpy as np
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle
 from vfm_sdm.geometry.triangulation import triangulate
-from vfm_sdm.studies.synthetic.footbridge import Lens, make_camera
+from vfm_sdm.studies.synthetic.footbridge import make_camera
 
 SIZE = (3840, 2160)
 FOCAL_PX = 15500.0
@@ -33,7 +33,8 @@ def make_site() -> tuple[Camera, ...]:
         make_camera(
             np.array(center),
             compute_view_angle(TARGET[0] - center[0], TARGET[2] - center[2]),
-            Lens(FOCAL_PX, SIZE),
+            focal_px=FOCAL_PX,
+            image_size=SIZE,
         )
         for center in CENTERS
     )

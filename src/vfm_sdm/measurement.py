@@ -233,9 +233,17 @@ class Measurement(Chain[Session]):
         """Checks and verdict; ``None`` without displacement, or of a single view."""
         if self.cameras.rig is None or len(session.view) < 2 or self.displacement is None or self.unrefined is None:
             return None
-        unrefined = self.unrefined.assign(status=self.displacement["status"])
-        measured = (session, self.cameras, self.tracks, self.aligned, self.displacement, unrefined)
-        return audit(AuditInputs(*measured, camera_motion=self.steady.views, frames=self.frames))
+        inputs = AuditInputs(
+            session=session,
+            cameras=self.cameras,
+            tracks=self.tracks,
+            aligned=self.aligned,
+            displacement=self.displacement,
+            unrefined=self.unrefined.assign(status=self.displacement["status"]),
+            camera_motion=self.steady.views,
+            frames=self.frames,
+        )
+        return audit(inputs)
 
     @product(needs=("frames", "cameras", "points", "tracks", "displacement", "audit"))
     def figures(self, session: Session) -> list[Path]:

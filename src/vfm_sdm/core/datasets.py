@@ -1,4 +1,4 @@
-"""The labelled datasets that travel between the stages: what they hold, and the checks at the door.
+"""Labelled datasets that travel between the stages: their contents, and the checks of them.
 
 points
     Dims ``view, point, pixel``; ``position`` [px] in the first frame of every view, ``position_std`` [px], ``status``
@@ -60,19 +60,42 @@ class Status:
 
 
 _SEVERITY = np.array([0, 2, 3, 1, 4])
-"""Of the codes of `Status`, in their order."""
+"""Severity of the codes of `Status`, in their order."""
 _UNIT_FACTORS = {("m", "mm"): 1e3, ("mm", "m"): 1e-3, ("g", "m/s2"): 9.80665, ("m/s2", "g"): 1 / 9.80665}
 
 
 def status_variable(dims: Sequence[str], codes: npt.ArrayLike) -> xr.Variable:
-    """A status variable with its meanings as CF flags."""
+    """A status variable with its meanings as CF flags.
+
+    Parameters
+    ----------
+    dims
+        Names of the dims.
+    codes
+        Codes of `Status`, shape (...), such as one for each frame and point.
+
+    Examples
+    --------
+    >>> status_variable(["time"], [Status.OK, Status.LOST]).attrs["flag_meanings"]
+    'ok lost outside unreliable behind_camera'
+    """
     values = np.asarray(codes, dtype=np.int8)
     flags = np.arange(len(STATUS_MEANINGS), dtype=np.int8)
     return xr.Variable(dims, values, {"flag_values": flags, "flag_meanings": " ".join(STATUS_MEANINGS)})
 
 
 def worst_status(codes: npt.ArrayLike) -> npt.NDArray[np.int8]:
-    """The code of `Status` that says most against a sample, over the first axis: missing before unreliable before ok.
+    """Most severe code of `Status` over the first axis: missing before unreliable before ok.
+
+    Parameters
+    ----------
+    codes
+        Codes of V views, shape (V, ...), such as one for each frame and point.
+
+    Returns
+    -------
+    codes
+        Shape (...).
 
     Examples
     --------
@@ -92,18 +115,18 @@ def make_points(
     position_std: npt.ArrayLike,
     status: npt.ArrayLike,
 ) -> xr.Dataset:
-    """Where named points lie in the first frame of every view.
+    """Places of named points in the first frame of every view.
 
     Parameters
     ----------
     views, points
         Names, lengths V and P.
     position
-        Shape (V, P, 2) [px], full-image pixels; NaN where a point was not found.
+        Positions in full-image pixels, shape (V, P, 2) [px]; NaN where a point was not found.
     position_std
         Standard deviation, shape (V, P, 2) [px]; 0 where a point is where its user named it, NaN where unknown.
     status
-        ``ok`` or why there is no position, shape (V, P).
+        ``ok``, or why there is no position, shape (V, P).
 
     Raises
     ------
@@ -132,7 +155,12 @@ def make_points(
 
 
 def check_points(points: xr.Dataset) -> xr.Dataset:
-    """The same points, after checking dims and units.
+    """The points as given, after checking dims and units.
+
+    Parameters
+    ----------
+    points
+        Points dataset, positions of shape (V, P, 2) [px].
 
     Raises
     ------
@@ -163,18 +191,24 @@ def make_tracks(
     points
         Point names, length P.
     position
-        Shape (T, P, 2) [px], full-image pixels; NaN where lost or outside.
+        Positions in full-image pixels, shape (T, P, 2) [px]; NaN where lost or outside.
     position_covariance
-        Shape (T, P, 2, 2) [px2].
+        Covariances of the positions, shape (T, P, 2, 2) [px2].
     status
         Codes of `Status`, shape (T, P).
     attrs
-        ``tracker``, ``view``, ``image_width``, ``image_height`` and whatever else explains the tracks.
+        ``tracker``, ``view``, ``image_width``, ``image_height`` and other facts about the tracks.
 
     Raises
     ------
     DatasetError
         Shapes disagree or the clock does not increase.
+
+    Examples
+    --------
+    >>> tracks = make_tracks([0.0, 0.1], ["mid"], np.zeros((2, 1, 2)), np.zeros((2, 1, 2, 2)), [[0], [0]], attrs={})
+    >>> tracks["position"].dims, tracks["position"].attrs["units"]
+    (('time', 'point', 'pixel'), 'px')
     """
     try:
         tracks = xr.Dataset(
@@ -202,7 +236,14 @@ def make_tracks(
 
 
 def check_tracks(tracks: xr.Dataset, *, synchronized: bool = False) -> xr.Dataset:
-    """The same tracks, after checking dims, units and clock.
+    """The tracks as given, after checking dims, units and clock.
+
+    Parameters
+    ----------
+    tracks
+        Tracks dataset, positions of shape (T, P, 2) or, with a dim ``view``, (V, T, P, 2) [px].
+    synchronized
+        Whether the tracks must have the dim ``view``.
 
     Raises
     ------
@@ -224,13 +265,13 @@ class DisplacementArrays:
     Parameters
     ----------
     displacement_mm, displacement_std_mm
-        Shape (T, P, 3) [mm]; the standard deviation is the random part only.
+        Displacement and its standard deviation, which is the random part only, shape (T, P, 3) [mm].
     scale_std
         Relative standard deviation of each axis' gain, shape (P, 3) [1]: the systematic part.
     position_m
-        Shape (T, P, 3) [m], in the frame named in ``attrs["frame"]``.
+        Positions in the frame named in ``attrs["frame"]``, shape (T, P, 3) [m].
     reprojection_error_px
-        Shape (T, P) [px].
+        Root mean square reprojection error, shape (T, P) [px].
     status
         Codes of `Status`, shape (T, P).
     """
@@ -262,12 +303,31 @@ def make_displacement(
     arrays
         Displacement and what is known of it, of T samples and P points along the axes.
     attrs
-        ``frame`` and whatever else explains the values.
+        ``frame`` and other facts about the values.
 
     Raises
     ------
     DatasetError
         Shapes disagree or the clock does not increase.
+
+    Examples
+    --------
+    >>> displacement = make_displacement(
+    ...     [0.0, 0.1],
+    ...     ["mid"],
+    ...     STRUCTURE_AXES,
+    ...     DisplacementArrays(
+    ...         displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
+    ...         displacement_std_mm=np.full((2, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((2, 1, 3)),
+    ...         reprojection_error_px=np.zeros((2, 1)),
+    ...         status=np.zeros((2, 1)),
+    ...     ),
+    ...     attrs={"frame": "structure"},
+    ... )
+    >>> displacement["displacement"].sel(point="mid", axis="vertical").values.tolist()
+    [0.0, 2.0]
     """
     dims = ("time", "point", "axis")
     try:
@@ -293,7 +353,12 @@ def make_displacement(
 
 
 def check_displacement(displacement: xr.Dataset) -> xr.Dataset:
-    """The same displacement, after checking dims, units and clock.
+    """The displacement as given, after checking dims, units and clock.
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
 
     Raises
     ------
@@ -317,9 +382,17 @@ def trusted_values(dataset: xr.Dataset, name: str) -> FloatArray:
     Parameters
     ----------
     dataset
-        Tracks or displacement.
+        Tracks, shape (T, P, 2) [px], or displacement, shape (T, P, 3) [mm].
     name
-        The variable, such as ``position`` (time, point, pixel) [px] or ``displacement`` (time, point, axis) [mm].
+        Name of the variable, such as ``position`` (time, point, pixel) [px] or ``displacement`` (time, point, axis)
+        [mm].
+
+    Examples
+    --------
+    >>> position = np.zeros((2, 1, 2))
+    >>> tracks = make_tracks([0.0, 0.1], ["mid"], position, np.zeros((2, 1, 2, 2)), [[0], [Status.LOST]], attrs={})
+    >>> trusted_values(tracks, "position")[:, 0].tolist()
+    [[0.0, 0.0], [nan, nan]]
     """
     ok = dataset["status"].values == Status.OK
     return np.where(ok[..., None], dataset[name].values, np.nan)
@@ -328,10 +401,22 @@ def trusted_values(dataset: xr.Dataset, name: str) -> FloatArray:
 def convert_units(array: xr.DataArray, units: str) -> xr.DataArray:
     """The array in other units, values and ``units`` attribute changed together.
 
+    Parameters
+    ----------
+    array
+        Array of any shape with the attribute ``units``, such as ``m``.
+    units
+        Units wanted, such as ``mm``.
+
     Raises
     ------
     DatasetError
         The array has no units, or no factor between the two is known.
+
+    Examples
+    --------
+    >>> convert_units(xr.DataArray([0.002], attrs={"units": "m"}), "mm").values.tolist()
+    [2.0]
     """
     have = str(array.attrs.get("units"))
     if have == units:

@@ -42,16 +42,22 @@ def make_acceleration(
     sensors, axes
         Names, lengths S and A.
     acceleration
-        Shape (T, S, A) [m/s2], gravity and bias included.
+        Acceleration with gravity and bias, shape (T, S, A) [m/s2].
     sampling_rate_hz
         Samples a second of that clock [Hz].
     attrs
-        Whatever else explains the values.
+        Other facts about the values.
 
     Raises
     ------
     DatasetError
         Shapes disagree, or the clock is not even.
+
+    Examples
+    --------
+    >>> acceleration = make_acceleration([0.0, 0.01], ["a"], ["vertical"], np.zeros((2, 1, 1)), sampling_rate_hz=100)
+    >>> acceleration["acceleration"].shape
+    (2, 1, 1)
     """
     coords = _sensor_coords(time_s, sensors, axes)
     signal = {"acceleration": (_SENSOR_DIMS, np.asarray(acceleration, np.float64), {"units": "m/s2"})}
@@ -71,9 +77,9 @@ class ReferenceFacts:
     sampling_rate_hz
         Samples a second of the sensors' clock [Hz].
     onset_s
-        Where on the clock the motion that was evaluated begins [s].
+        Time on the clock at which the evaluated motion begins [s].
     band_hz
-        Frequencies that the reference can show [Hz].
+        Frequencies that the sensors' displacement can show [Hz].
     """
 
     sampling_rate_hz: float
@@ -90,19 +96,32 @@ def make_reference(
     facts: ReferenceFacts,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Reference displacement of sensors that share a clock; arguments as in `make_acceleration`, and these.
+    """Displacement of reference sensors that share a clock.
 
     Parameters
     ----------
+    time_s
+        The sensors' clock, ``t0 + i / sampling_rate_hz``, shape (T,) [s].
+    sensors, axes
+        Names, lengths S and A.
     displacement_mm
-        Shape (T, S, A) [mm]; NaN before the onset.
+        Displacement, shape (T, S, A) [mm]; NaN before the onset.
     facts
-        Sampling rate, onset and band, in Hz and s.
+        Sampling rate [Hz], onset [s] and band [Hz].
+    attrs
+        Other facts about the values.
 
     Raises
     ------
     DatasetError
         Shapes disagree, or the clock is not even.
+
+    Examples
+    --------
+    >>> facts = ReferenceFacts(sampling_rate_hz=10, onset_s=0, band_hz=(1, 5))
+    >>> reference = make_reference([0.0, 0.1], ["a"], ["vertical"], np.zeros((2, 1, 1)), facts=facts)
+    >>> reference.attrs["band_hz"]
+    [1, 5]
     """
     coords = _sensor_coords(time_s, sensors, axes)
     signal = {"displacement": (_SENSOR_DIMS, np.asarray(displacement_mm, np.float64), {"units": "mm"})}
@@ -119,7 +138,12 @@ def make_reference(
 
 
 def check_acceleration(acceleration: xr.Dataset) -> xr.Dataset:
-    """The same acceleration, after checking dims, units and clock.
+    """The acceleration as given, after checking dims, units and clock.
+
+    Parameters
+    ----------
+    acceleration
+        Acceleration dataset, shape (T, S, A) [m/s2].
 
     Raises
     ------
@@ -132,7 +156,12 @@ def check_acceleration(acceleration: xr.Dataset) -> xr.Dataset:
 
 
 def check_reference(reference: xr.Dataset) -> xr.Dataset:
-    """The same reference displacement, after checking dims, units, clock and attributes.
+    """The reference displacement as given, after checking dims, units, clock and attributes.
+
+    Parameters
+    ----------
+    reference
+        Reference dataset, shape (T, S, A) [mm].
 
     Raises
     ------

@@ -16,7 +16,7 @@ from vfm_sdm.stages.synchronize import Synchronization
 from vfm_sdm.studies.protocol import TestResult as Result  # by its own name pytest would take it for a test
 from vfm_sdm.studies.protocol import report
 from vfm_sdm.studies.protocol.cost import Cost
-from vfm_sdm.studies.protocol.methods import OURS, WITHOUT_SGR
+from vfm_sdm.studies.protocol.methods import WITH_SGR, WITHOUT_SGR
 from vfm_sdm.studies.protocol.runs import FieldTest, MethodRun
 from vfm_sdm.studies.protocol.sensitivity import SensitivityRow
 from vfm_sdm.studies.protocol.tables import Case, comparison_table
@@ -69,13 +69,13 @@ def make_result(name="data-1", **changes):
     session = SimpleNamespace(view=[SimpleNamespace(name="left"), SimpleNamespace(name="right")])
     truth = xr.Dataset(attrs={"second_view_offset_s": OFFSET_S, "sensor_offset_s": [SENSOR_S, SENSOR_S]})
     result = Result(FieldTest(plan, Path(), session, truth, None))
-    result.runs[OURS] = MethodRun(make_displacement_with_clock(OFFSET_S + 0.5e-3, 0.2e-3, "ok"))
+    result.runs[WITH_SGR] = MethodRun(make_displacement_with_clock(OFFSET_S + 0.5e-3, 0.2e-3, "ok"))
     clock = Synchronization(-(SENSOR_S - 2e-3), 0.7e-3, 0.99, "ok")
     result.evaluations["accelerometers"] = {
-        OURS: make_evaluation(estimate_mm=5.0, clock=clock),
+        WITH_SGR: make_evaluation(estimate_mm=5.0, clock=clock),
         WITHOUT_SGR: make_evaluation(estimate_mm=6.0),
     }
-    result.evaluations["truth"] = {OURS: make_evaluation(0.03), WITHOUT_SGR: make_evaluation(0.08)}
+    result.evaluations["truth"] = {WITH_SGR: make_evaluation(0.03), WITHOUT_SGR: make_evaluation(0.08)}
     result.reference = make_evaluation(0.05, estimate_mm=4.5, reference_mm=4.0)
     return result
 
@@ -126,7 +126,7 @@ def test_clocks_beside_the_true_ones():
 
 def test_a_clock_that_the_motion_does_not_tell_is_shown_with_its_reason():
     result = make_result()
-    result.runs[OURS] = MethodRun(make_displacement_with_clock(NAN, NAN, "peak not unique"))
+    result.runs[WITH_SGR] = MethodRun(make_displacement_with_clock(NAN, NAN, "peak not unique"))
     row = report.clock_table({"data-1": result}).rows[0]
     assert row[2] == OFFSET_S
     assert np.isnan(row[3:6]).all()
@@ -135,7 +135,7 @@ def test_a_clock_that_the_motion_does_not_tell_is_shown_with_its_reason():
 
 def test_what_was_not_synchronised_has_no_clock():
     result = make_result()
-    result.runs[OURS] = MethodRun(None, status="no cameras")
+    result.runs[WITH_SGR] = MethodRun(None, status="no cameras")
     result.evaluations["accelerometers"] = {}
     assert report.clock_table({"data-1": result}).rows == ()
     assert report.clock_table({}).rows == ()
@@ -145,7 +145,7 @@ def test_outside_the_assumptions_the_title_says_so():
     table = report.outside_table({"data-4": make_result("data-4", within_assumptions=False)})
     assert table.title.startswith("OUTSIDE THE METHOD'S ASSUMPTIONS")
     assert [row[0] for row in table.rows] == ["data-4"] * 4 + ["mean", "std"]
-    before, after = (table.columns.index(f"NRMSE range: {m.label}") for m in (WITHOUT_SGR, OURS))
+    before, after = (table.columns.index(f"NRMSE range: {m.label}") for m in (WITHOUT_SGR, WITH_SGR))
     assert (table.rows[0][before], table.rows[0][after]) == (0.08, 0.03)
     assert "The paper leaves its phone sequence out" in table.notes[0]
     assert [row[0] for row in report.outside_table({}).rows] == ["mean", "std"]
@@ -174,7 +174,7 @@ def test_means_stand_beside_the_paper_s(tmp_path):
         f"refinement_against_{against}": comparison_table(
             f"refinement_against_{against}",
             f"Against {against}",
-            {OURS.label: {case: make_score(nrmse, rppae=NAN)}, WITHOUT_SGR.label: {case: make_score(9.0)}},
+            {WITH_SGR.label: {case: make_score(nrmse, rppae=NAN)}, WITHOUT_SGR.label: {case: make_score(9.0)}},
             cases=[case],
         )
         for against, nrmse in (("truth", 0.0312), ("accelerometers", 0.0567))

@@ -7,7 +7,7 @@ import pytest
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.structure_frame import structure_from_cam1
 from vfm_sdm.studies.synthetic.field_test import demo_plan
-from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, Lens, build_footbridge, make_camera
+from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, build_footbridge, make_camera
 from vfm_sdm.studies.synthetic.imager import Imager
 from vfm_sdm.studies.synthetic.motion import modal_displacement
 from vfm_sdm.studies.synthetic.render import Renderer
@@ -46,7 +46,7 @@ def test_reference_camera_is_level_and_looks_at_the_point_whose_distances_were_m
 
 
 def test_structure_is_on_the_right_of_an_observer_who_looks_along_it(site):
-    along = make_camera(np.zeros(3), 0.0, Lens(500.0, (640, 480)))
+    along = make_camera(np.zeros(3), 0.0, focal_px=500.0, image_size=(640, 480))
     u, _ = along.project([site.perpendicular_m, 0.0, 30.0])
     assert u > 320
 
@@ -147,7 +147,8 @@ def test_rendered_motion_of_the_demo_is_the_commanded_one(site, cameras, rendere
 
 
 def test_texture_of_a_face_does_not_depend_on_the_others(site, scene):
-    wide = build_footbridge(replace(site, second_target_m=site.second_target_m + 0.5), seed=7)
+    (second,) = site.further
+    wide = build_footbridge(replace(site, further=(replace(second, target_m=second.target_m + 0.5),)), seed=7)
     assert wide.face("web 3").texture.seed == scene.face("web 3").texture.seed
     assert build_footbridge(site, seed=8).face("web 3").texture.seed != scene.face("web 3").texture.seed
 
@@ -159,6 +160,6 @@ def test_faces_that_no_camera_sees_are_left_out(scene):
 
 
 def test_cameras_that_do_not_see_the_girder_are_refused(site):
-    away = replace(site, longitudinal_m=400.0, second_target_m=400.0)
+    away = replace(site, longitudinal_m=400.0, further=(replace(site.further[0], target_m=400.0),))
     with pytest.raises(DatasetError, match="site: expected cameras that look at the girder"):
         build_footbridge(away, seed=0)
