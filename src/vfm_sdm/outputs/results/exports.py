@@ -52,17 +52,19 @@ def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
-    >>> from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
     >>> displacement = make_displacement(
     ...     [0.0, 0.1],
     ...     ["mid"],
     ...     STRUCTURE_AXES,
-    ...     displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
-    ...     displacement_std_mm=np.full((2, 1, 3), 0.1),
-    ...     scale_std=np.full((1, 3), 0.01),
-    ...     position_m=np.zeros((2, 1, 3)),
-    ...     reprojection_error_px=np.zeros((2, 1)),
-    ...     status=np.zeros((2, 1)),
+    ...     DisplacementArrays(
+    ...         displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
+    ...         displacement_std_mm=np.full((2, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((2, 1, 3)),
+    ...         reprojection_error_px=np.zeros((2, 1)),
+    ...         status=np.zeros((2, 1)),
+    ...     ),
     ...     attrs={"frame": "structure"},
     ... )
     >>> with TemporaryDirectory() as folder:
@@ -102,17 +104,19 @@ def write_export(name: str, folder: Path | str, displacement: xr.Dataset) -> Pat
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
-    >>> from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
     >>> displacement = make_displacement(
     ...     [0.0, 0.1],
     ...     ["mid"],
     ...     STRUCTURE_AXES,
-    ...     displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
-    ...     displacement_std_mm=np.full((2, 1, 3), 0.1),
-    ...     scale_std=np.full((1, 3), 0.01),
-    ...     position_m=np.zeros((2, 1, 3)),
-    ...     reprojection_error_px=np.zeros((2, 1)),
-    ...     status=np.zeros((2, 1)),
+    ...     DisplacementArrays(
+    ...         displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
+    ...         displacement_std_mm=np.full((2, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((2, 1, 3)),
+    ...         reprojection_error_px=np.zeros((2, 1)),
+    ...         status=np.zeros((2, 1)),
+    ...     ),
     ...     attrs={"frame": "structure"},
     ... )
     >>> with TemporaryDirectory() as folder:

@@ -144,17 +144,19 @@ def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
     >>> displacement = make_displacement(
     ...     [0.0, 0.1],
     ...     ["mid"],
     ...     STRUCTURE_AXES,
-    ...     displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
-    ...     displacement_std_mm=np.full((2, 1, 3), 0.1),
-    ...     scale_std=np.full((1, 3), 0.01),
-    ...     position_m=np.zeros((2, 1, 3)),
-    ...     reprojection_error_px=np.zeros((2, 1)),
-    ...     status=np.zeros((2, 1)),
+    ...     DisplacementArrays(
+    ...         displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
+    ...         displacement_std_mm=np.full((2, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((2, 1, 3)),
+    ...         reprojection_error_px=np.zeros((2, 1)),
+    ...         status=np.zeros((2, 1)),
+    ...     ),
     ...     attrs={"frame": "structure"},
     ... )
     >>> summarize_displacement(displacement)["mid"]["axes"]["vertical"]["peak_to_peak_mm"]

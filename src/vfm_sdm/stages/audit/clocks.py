@@ -5,7 +5,7 @@ import xarray as xr
 
 from vfm_sdm.core.statuses import ClockStatus, Outcome
 from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs, Limits, judge
-from vfm_sdm.stages.synchronize import Synchronization, estimate_view_lag
+from vfm_sdm.stages.synchronize import LagSearch, Synchronization, estimate_view_lag
 
 __all__ = ["check_drift", "check_synchronization"]
 
@@ -69,8 +69,7 @@ def _estimate_lags(inputs: AuditInputs, aligned: xr.Dataset) -> dict[str, Synchr
             first,
             aligned.sel(view=view, drop=True),
             points=inputs.moving,
-            search_s=4 * _SEARCH_STD_S,
-            start_std_s=_SEARCH_STD_S,
+            search=LagSearch(4 * _SEARCH_STD_S, start_std_s=_SEARCH_STD_S),
         )
         for view in others
     }

@@ -5,7 +5,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from vfm_sdm.core.arrays import as_float_array
-from vfm_sdm.core.datasets import check_tracks, make_displacement
+from vfm_sdm.core.datasets import DisplacementArrays, check_tracks, make_displacement
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.displacement.stereo import find_origin
@@ -104,12 +104,14 @@ def compute_planar_displacement(
         tracks["time"].values,
         [str(p) for p in tracks["point"].values],
         PLANE_AXES,
-        displacement_mm=(position - origin) * mm_per_px,
-        displacement_std_mm=np.sqrt(variance) * mm_per_px,
-        scale_std=np.full((points, axes), scale_std),
-        position_m=np.full((frames, points, axes), np.nan),
-        reprojection_error_px=np.full((frames, points), np.nan),
-        status=tracks["status"].values,
+        DisplacementArrays(
+            displacement_mm=(position - origin) * mm_per_px,
+            displacement_std_mm=np.sqrt(variance) * mm_per_px,
+            scale_std=np.full((points, axes), scale_std),
+            position_m=np.full((frames, points, axes), np.nan),
+            reprojection_error_px=np.full((frames, points), np.nan),
+            status=tracks["status"].values,
+        ),
         attrs={
             "frame": "image plane",
             "mm_per_px": mm_per_px,

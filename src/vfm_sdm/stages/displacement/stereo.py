@@ -11,6 +11,7 @@ from vfm_sdm.core.datasets import (
     CAMERA_AXES,
     PIXEL,
     STRUCTURE_AXES,
+    DisplacementArrays,
     Status,
     check_tracks,
     make_displacement,
@@ -127,14 +128,16 @@ def compute_displacement(
         time_s,
         [str(p) for p in tracks["point"].values],
         axes,
-        displacement_mm=(position - find_origin(position, valid, time_s, still_interval_s)) * _MM_PER_M,
-        displacement_std_mm=np.where(valid[..., None], np.sqrt(variance), np.nan) * _MM_PER_M,
-        scale_std=np.full((len(tracks["point"]), 3), np.nan),
-        position_m=position,
-        reprojection_error_px=compute_reprojection_error(
-            points3d, np.where(sight.used[..., None], tracks["position"].values, np.nan), rig
+        DisplacementArrays(
+            displacement_mm=(position - find_origin(position, valid, time_s, still_interval_s)) * _MM_PER_M,
+            displacement_std_mm=np.where(valid[..., None], np.sqrt(variance), np.nan) * _MM_PER_M,
+            scale_std=np.full((len(tracks["point"]), 3), np.nan),
+            position_m=position,
+            reprojection_error_px=compute_reprojection_error(
+                points3d, np.where(sight.used[..., None], tracks["position"].values, np.nan), rig
+            ),
+            status=_combine_status(codes, sight, behind),
         ),
-        status=_combine_status(codes, sight, behind),
         attrs={
             "frame": "reference camera" if frame is None else "structure",
             "baseline_m": rig.baseline() if len(rig) > 1 else float("nan"),

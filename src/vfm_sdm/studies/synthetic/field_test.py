@@ -12,7 +12,7 @@ import xarray as xr
 
 from vfm_sdm import __version__
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement
 from vfm_sdm.core.netcdf import read_displacement, write_dataset
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import ResultsError, SessionError
@@ -243,12 +243,14 @@ def _truth(plan: Preset) -> xr.Dataset:
         time_s - time_s[0],
         [point.name for point in plan.points],
         STRUCTURE_AXES,
-        displacement_mm=1e3 * displacement,
-        displacement_std_mm=np.zeros(shape),
-        scale_std=np.zeros(shape[1:]),
-        position_m=rest + displacement,
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.full(shape[:2], Status.OK),
+        DisplacementArrays(
+            displacement_mm=1e3 * displacement,
+            displacement_std_mm=np.zeros(shape),
+            scale_std=np.zeros(shape[1:]),
+            position_m=rest + displacement,
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.full(shape[:2], Status.OK),
+        ),
         attrs={
             "title": "exact displacement of a synthetic field test",
             "frame": "structure",

@@ -11,7 +11,7 @@ import xarray as xr
 
 from vfm_sdm.analysis.evaluation import Evaluation, EvaluationRow
 from vfm_sdm.analysis.evaluation.metrics import Score
-from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 from vfm_sdm.stages.synchronize import Synchronization
 from vfm_sdm.studies.protocol import TestResult as Result  # by its own name pytest would take it for a test
 from vfm_sdm.studies.protocol import report
@@ -48,12 +48,14 @@ def make_displacement_with_clock(offset_s, std_s, status):
         np.arange(10) / 30,
         list(POINTS),
         STRUCTURE_AXES,
-        displacement_mm=np.zeros(shape),
-        displacement_std_mm=np.zeros(shape),
-        scale_std=np.zeros(shape[1:]),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int),
+        DisplacementArrays(
+            displacement_mm=np.zeros(shape),
+            displacement_std_mm=np.zeros(shape),
+            scale_std=np.zeros(shape[1:]),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int),
+        ),
         attrs={"frame": "structure"},
     )
     facts = {f"clock_{name}": ("view", values) for name, values in clock.items()}
