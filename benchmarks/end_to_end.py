@@ -22,7 +22,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, shift
 
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.session import Session, read_session, write_session
+from vfm_sdm.inputs.session import Session, read_session, write_session
 
 SIZE = (3840, 2160)
 FPS = 60

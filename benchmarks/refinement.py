@@ -22,11 +22,11 @@ import xarray as xr
 from scipy.optimize import least_squares
 from triangulation import TARGET, make_site
 
-from vfm_sdm.datasets import make_tracks
+from vfm_sdm.core.datasets import make_tracks
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import triangulate
-from vfm_sdm.refinement import SgrWeights, refine
+from vfm_sdm.stages.refinement import SgrWeights, refine
 
 FPS = 30.0
 VIEWS = ("left", "right")

@@ -24,8 +24,8 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from vfm_sdm.tracking.icgn import IcgnTracker
-from vfm_sdm.video import Video, VideoInfo
+from vfm_sdm.inputs.video import Frame, Video, VideoInfo
+from vfm_sdm.stages.tracking.icgn import IcgnTracker
 
 try:
     import pyidi
@@ -85,10 +85,9 @@ class _Memory:
 
     def stream(self):
         for index, luma in enumerate(self.frames):
-            yield index / self.info.fps, luma
-
-    def color(self, index):
-        return np.repeat(self.frames[index][:, :, None], 3, axis=2)
+            yield Frame(
+                index, index / self.info.fps, luma, lambda region, luma=luma: np.dstack([region.crop(luma)] * 3)
+            )
 
 
 def run_icgn(frames: np.ndarray, points: np.ndarray) -> np.ndarray:

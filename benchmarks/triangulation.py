@@ -18,7 +18,7 @@ import numpy as np
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle
 from vfm_sdm.geometry.triangulation import triangulate
-from vfm_sdm.synthetic.footbridge import make_camera
+from vfm_sdm.studies.synthetic.footbridge import make_camera
 
 SIZE = (3840, 2160)
 FOCAL_PX = 15500.0

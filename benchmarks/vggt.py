@@ -36,9 +36,9 @@ from vfm_sdm.networks.vggt.config import VggtConfig
 from vfm_sdm.networks.vggt.inference import VggtInference
 from vfm_sdm.networks.vggt.model import Vggt
 from vfm_sdm.networks.vggt.rotary import rotary_table
-from vfm_sdm.tracking.chunks import ChunkPlan, ChunkStitcher
-from vfm_sdm.tracking.network import NetworkPreset
-from vfm_sdm.tracking.vggt import PRESETS
+from vfm_sdm.stages.tracking.chunks import ChunkPlan, ChunkStitcher
+from vfm_sdm.stages.tracking.network import NetworkPreset
+from vfm_sdm.stages.tracking.vggt import PRESETS
 
 CAMERA_SIZE = (294, 518)
 MANY = 6

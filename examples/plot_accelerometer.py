@@ -12,12 +12,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from vfm_sdm.accelerometer import Integration, RecipeSettings
-from vfm_sdm.evaluation import read_sensors
-from vfm_sdm.filters import band_pass
-from vfm_sdm.metrics import gain, nrmse_range
-from vfm_sdm.synthetic.presets import preset
-from vfm_sdm.synthetic.sensors import write_acceleration
+from vfm_sdm.analysis.evaluation import read_sensors
+from vfm_sdm.analysis.evaluation.metrics import gain, nrmse_range
+from vfm_sdm.inputs.sensors.accelerometer import Integration, RecipeSettings
+from vfm_sdm.signals.filters import band_pass
+from vfm_sdm.studies.synthetic.presets import preset
+from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
 MARGIN_S = 2.0
 RULES: tuple[Integration, ...] = ("trapezoid", "spline")

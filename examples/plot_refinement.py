@@ -14,9 +14,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from vfm_sdm import Rig, compute_displacement, refine
-from vfm_sdm.datasets import make_tracks
+from vfm_sdm.core.datasets import make_tracks
 from vfm_sdm.geometry.structure_frame import StructureFrame
-from vfm_sdm.synthetic.presets import preset
+from vfm_sdm.studies.synthetic.presets import preset
 
 NOISE_PX = {"left": 0.02, "right": 0.10}
 

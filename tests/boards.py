@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.arrays import FloatArray
-from vfm_sdm.cameras.board_detection import board_points
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.stages.cameras.chessboard.detection import board_points
 
 PATTERN = (9, 6)
 SQUARE_M = 0.025

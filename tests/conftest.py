@@ -63,7 +63,7 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     """
     from rich.console import Console
 
-    from vfm_sdm import cli
+    from vfm_sdm.commands import app as cli
 
     wide = {"width": 10_000, "height": 100, "force_terminal": False, "color_system": None}
     monkeypatch.setattr(cli, "_out", Console(**wide))

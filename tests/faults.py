@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from measurements import MOVING, VIEWS, Simulated, simulate
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 
 __all__ = ["FAULTS", "GOOD", "Fault", "good_run"]
 

@@ -5,10 +5,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from small_networks import vggt_on_cpu
-from vfm_sdm.cameras.base import find_estimator
-from vfm_sdm.cameras.network_view import network_view
+from vfm_sdm.inputs.session import FirstFrames, Network
 from vfm_sdm.networks.vggt.pose import encode_pose
-from vfm_sdm.session import Network
+from vfm_sdm.stages.cameras.base import find_estimator
+from vfm_sdm.stages.matching.network_view import network_view
 
 UNIT_M = 20.0
 """What it takes for a length of one."""
@@ -46,6 +46,14 @@ class KnownCameras:
 def as_colors(frames):
     """Grey pictures (height, width, 3) of luma by view name."""
     return [np.repeat(frame[..., None], 3, axis=2) for frame in frames.values()]
+
+
+class Pictures(FirstFrames):
+    """First frames that are no file: luma (H, W) by view, grey as colours."""
+
+    def __init__(self, luma):
+        self._luma = dict(luma)
+        self.__dict__["colors"] = dict(zip(luma, as_colors(luma), strict=True))
 
 
 def write_pictures(folder, names, pictures):

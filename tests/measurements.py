@@ -1,7 +1,7 @@
 """Whole simulated measurements without images: a session as an engineer would note it, tracks, cameras and the truth.
 
 `simulate` draws everything that is not known from the standard deviation that the session states for it, so that what
-`vfm_sdm.pipeline.displacement_of` says of its own accuracy can be held against the truth. Every drawn quantity is a
+`vfm_sdm.measurement.Measurement` says of its own accuracy can be held against the truth. Every drawn quantity is a
 field of `Conditions` and can be fixed: ``simulate(7, focal_errors=(0.2, 0.2))`` is a lens that is 20 % wrong.
 """
 
@@ -12,18 +12,19 @@ import numpy as np
 import xarray as xr
 
 from simulation import SIZE, intrinsics, looking_at, project_all
-from vfm_sdm.arrays import FloatArray
-from vfm_sdm.cameras.base import Matches
-from vfm_sdm.cameras.site import adjust_to_site
-from vfm_sdm.cameras.solution import CameraSolution
-from vfm_sdm.cameras.two_view import estimate_relative_pose
-from vfm_sdm.datasets import STRUCTURE_AXES, make_tracks
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import STRUCTURE_AXES, make_points, make_tracks
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
-from vfm_sdm.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
-from vfm_sdm.tracking.scatter import include_scatter
+from vfm_sdm.inputs.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
+from vfm_sdm.measurement import Measurement
+from vfm_sdm.stages.cameras.site import adjust_to_site
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.cameras.two_view import estimate_relative_pose
+from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
-__all__ = ["MOVING", "STATIC", "STILL_S", "VIEWS", "Conditions", "Simulated", "draw_conditions", "simulate"]
+__all__ = ["MOVING", "STATIC", "STILL_S", "VIEWS", "Conditions", "Simulated", "draw_conditions", "measured", "simulate"]
 
 VIEWS = ("left", "right")
 MOVING = ("p0", "p1")
@@ -38,6 +39,11 @@ _POINT_STD_PX = 0.5
 _SHARED_MATCH_STD_PX, _OWN_MATCH_STD_PX = 0.2, 0.35
 _MATCHES = 400
 _MARGIN_PX = 150
+
+
+def measured(session: Session, tracks: dict[str, xr.Dataset], solution: CameraSolution, **given: Any) -> Measurement:
+    """The measurement of given tracks with given cameras."""
+    return Measurement(session).given(cameras=solution, tracks=tracks, **{"frames": {}, **given})
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,7 @@ class Conditions:
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """One measurement. ``displacement_of(session, tracks, solution)`` makes its displacement.
+    """One measurement; `measured` makes its displacement.
 
     Parameters
     ----------
@@ -315,7 +321,7 @@ def _tracks(
             np.zeros(position.shape[:2], int),
             attrs={"tracker": "simulated", "view": name, "image_width": SIZE[0], "image_height": SIZE[1]},
         )
-        tracks[name] = include_scatter(made)
+        tracks[name] = include_track_noise(made)
     return tracks
 
 
@@ -359,6 +365,13 @@ def _session(
     return Session(name="simulated", view=views, site=site, point=points, method=method)
 
 
+def points_dataset(pixels: dict[str, FloatArray]) -> xr.Dataset:
+    """Points seen in both views, shape (2, 2) each [px], as found."""
+    position = np.stack(list(pixels.values()), axis=1)
+    status = np.full(position.shape[:2], "ok", dtype=object)
+    return make_points(VIEWS, list(pixels), position=position, position_std=0 * position, status=status)
+
+
 def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: np.random.Generator) -> CameraSolution:
     """Cameras adjusted to noisy matches and the site, from a start and priors like those of ``two-view``."""
     pixels = {point.name: clicked[:, index] for index, point in enumerate(session.point)}
@@ -369,8 +382,7 @@ def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: 
         adjusted.rig,
         adjusted.frame,
         adjusted.covariance,
-        {view: {n: (float(u[i, 0]), float(u[i, 1])) for n, u in pixels.items()} for i, view in enumerate(VIEWS)},
-        {view: dict.fromkeys(pixels, "ok") for view in VIEWS},
+        points_dataset(pixels),
         quantities=adjusted.quantities,
         status=adjusted.status,
         notes=adjusted.notes,

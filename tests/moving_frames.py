@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vfm_sdm.video import Frame, Video, VideoInfo
+from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 
 GRAY_RANGE = 255.0
 NOISE = 0.01 * GRAY_RANGE

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
 
 IMAGE_SIZE = (2464, 3280)

@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from simulation import intrinsics, looking_at
 from textures import WaveTexture
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.session import Session
+from vfm_sdm.inputs.session import Session
 
 SIZE = (400, 300)
 FOCAL_PX = 500.0

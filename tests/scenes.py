@@ -7,10 +7,10 @@ import numpy as np
 
 from simulation import intrinsics, looking_at
 from textures import WaveTexture
-from vfm_sdm.arrays import FloatArray
-from vfm_sdm.cameras.file import write_rig
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.session import Session, write_session
+from vfm_sdm.inputs.session import Session, write_session
+from vfm_sdm.stages.cameras.file import write_rig
 
 SIZE = (360, 260)
 DEPTH = 10.0

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfm_sdm.arrays import FloatArray
-from vfm_sdm.cameras.base import Matches
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.stages.matching.matches import Matches
 
 SIZE = (3840, 2160)
 
@@ -96,6 +96,48 @@ def site_trial(
     prior = Rig(("a", "b"), tuple(start), False, np.diag(std**2))
     point = np.array([0.2, -0.1, 22.0])
     return SiteTrial(truth, prior, Matches(0, 1, u[0], u[1]), point, project_all(truth, point[None])[:, 0])
+
+
+@dataclass(frozen=True)
+class PlacedCameras:
+    """Cameras at given places: the true rig, a prior rig that is off, and noisy pixels (V, N, 2) of common points."""
+
+    truth: Rig
+    prior: Rig
+    pixels: FloatArray
+
+    def pairs(self, *, common: bool = True) -> list[Matches]:
+        """Matches of every further view with the first, of the same points in all views or of others in each."""
+        part = self.pixels.shape[1] // (len(self.truth) - 1)
+        chosen = [slice(None) if common else slice(k * part, (k + 1) * part) for k in range(len(self.truth) - 1)]
+        return [Matches(0, k + 1, self.pixels[0, s], self.pixels[k + 1, s]) for k, s in enumerate(chosen)]
+
+
+def placed_cameras(
+    centers: list[tuple[float, float, float]], *, seed: int = 0, focal_std: float = 0.01, shared_error_px: float = 0.1
+) -> PlacedCameras:
+    """Cameras at these places that look at one spot; errors and priors as in `site_trial`, poses free."""
+    rng = np.random.default_rng([seed, len(centers)])
+    names = tuple("abcdef"[: len(centers)])
+    cameras = []
+    for center in centers:
+        K = intrinsics(8000 * float(np.exp(rng.normal(0, focal_std))))
+        cameras.append(Camera(K, SIZE, np.zeros(5), looking_at(np.array(center), np.array([0.0, 0.0, 22.0]))))
+    truth = Rig.from_world(names, cameras, metric=True)
+    X = np.column_stack([rng.uniform(-5, 5, 1500), rng.uniform(-3, 3, 1500), rng.uniform(15, 45, 1500)])
+    u = project_all(truth, X)
+    u = u[:, ((u >= 0) & (u <= np.array(SIZE) - 1)).all(axis=(0, 2))][:, :600]
+    cell = (u[0, :, 0] * 6 // SIZE[0] * 6 + u[0, :, 1] * 6 // SIZE[1]).astype(int)
+    u = u + rng.normal(0, shared_error_px, (len(names), 36, 2))[:, cell] + rng.normal(0, 0.35, u.shape)
+    start = []
+    for camera in truth.cameras:
+        step = np.zeros(10)
+        if start:
+            step[4:7], step[7:10] = rng.normal(0, 0.005, 3), rng.normal(0, 0.03, 3)
+        start.append(Camera(intrinsics(8000.0), SIZE, np.zeros(5), camera.perturbed(step).cam_from_world))
+    free = [focal_std, 0.0, 0.0, 0.0, *[1.0] * 3, *[2 * truth.baseline()] * 3]
+    std = np.array([focal_std, *[0.0] * 9, *free * (len(names) - 1)])
+    return PlacedCameras(truth, Rig(names, tuple(start), False, np.diag(std**2)), u)
 
 
 def gain_error(truth: Rig, rig: Rig, point: FloatArray) -> FloatArray:

@@ -4,10 +4,16 @@ from contextlib import contextmanager
 
 import pytest
 
-from vfm_sdm.session import Network
-from vfm_sdm.tracking.base import find_tracker
+from vfm_sdm.core.parts import BUILT_IN
+from vfm_sdm.core.registry import parts_of
+from vfm_sdm.inputs.session import Network
+from vfm_sdm.stages.tracking.base import find_tracker
 
-NETWORK_TRACKERS = ("vggt", "tapir", "vggt+icgn", "tapir+icgn")
+NETWORK_TRACKERS = tuple(
+    name
+    for name in BUILT_IN["trackers"]
+    if any(part.needs is not None and part.needs.checkpoints for part in parts_of("trackers", name).values())
+)
 ROUNDING_PX = 1e-6
 """How far two ways of computing one track may differ in double precision [px].
 

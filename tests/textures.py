@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 
 
 class WaveTexture:

@@ -1,83 +1,62 @@
-"""One measurement in one run folder: stages timed, their products written, and reused while inputs are the same."""
+"""One measurement: its products in the order of the paper's Figure 4, each made when it is first asked for.
 
-import hashlib
-import json
-import platform
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
-from functools import cached_property
-from glob import glob
-from importlib.metadata import PackageNotFoundError, version
+Cameras (B), points and tracks (A), the camera motion taken out, one clock, refinement and displacement (C), and what is
+said of them. Any product can be asked for alone; what it needs is made before it, and nothing else. With a run folder,
+products whose inputs have not changed are read from it.
+"""
+
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
-from vfm_sdm.arrays import LumaArray
-from vfm_sdm.audit import Audit
-from vfm_sdm.cameras.base import estimator_of
-from vfm_sdm.cameras.solution import CameraSolution, read_solution, write_solution
-from vfm_sdm.errors import ResultsError
-from vfm_sdm.pipeline import Progress, audit_of, displacement_of, solve_cameras, track_views
-from vfm_sdm.plots import save_figures
-from vfm_sdm.results import (
-    describe_camera_motion,
-    describe_clocks,
-    describe_recording,
-    describe_refinement,
-    displacement_notes,
-    read_tracks,
-    recording_notes,
-    summarize_displacement,
-    write_displacement,
-    write_summary,
-    write_tracks,
-)
-from vfm_sdm.session import Session, file_hash, open_views, session_hash, write_session
-from vfm_sdm.tracking.base import find_tracker, tracker_of
-from vfm_sdm.video import Video
+from vfm_sdm.core.files import file_fingerprint
+from vfm_sdm.core.netcdf import read_tracks, write_points, write_tracks
+from vfm_sdm.core.parts import Kind
+from vfm_sdm.core.products import Chain, Kept, product
+from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.registry import code_modules, make, settings_read
+from vfm_sdm.core.versions import package_versions
+from vfm_sdm.errors import DatasetError, ResultsError
+from vfm_sdm.inputs.session import FirstFrames, Session, input_files, open_views, session_hash, write_session
+from vfm_sdm.inputs.video import Video
+from vfm_sdm.outputs.plots import save_figures
+from vfm_sdm.outputs.results import describe_measurement, write_displacement, write_summary
+from vfm_sdm.stages.audit import Audit, AuditInputs, audit
+from vfm_sdm.stages.camera_motion import CameraMotion, steady_tracks
+from vfm_sdm.stages.cameras.solution import CameraSolution, read_solution, write_solution
+from vfm_sdm.stages.cameras.solve import solve_cameras
+from vfm_sdm.stages.displacement.monocular import measure_planar
+from vfm_sdm.stages.displacement.result import add_facts, state_uncertainty
+from vfm_sdm.stages.displacement.stereo import compute_displacement
+from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
+from vfm_sdm.stages.synchronize import synchronize_tracks
+from vfm_sdm.stages.tracking.views import track_views
 
-__all__ = ["Measurement", "Run", "measure"]
-
-_PACKAGES = ("vfm-sdm", "numpy", "scipy", "xarray", "av", "opencv-python-headless", "numba", "poselib")
-_OPTIONAL = ("torch", "pycolmap", "transformers")
-_CAMERA_SETTINGS = ("method.cameras", "method.subset_px", "method.correspondence", "method.network")
+__all__ = ["Measurement", "measure"]
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """What `measure` yields.
-
-    Parameters
-    ----------
-    session
-        What was measured, resolved.
-    cameras
-        Cameras, axes, points.
-    tracks
-        Tracks by view, each on its own clock.
-    displacement
-        Displacement dataset; ``None`` where no cameras could be found (``cameras.status`` says why).
-    audit
-        Checks and verdict; ``None`` where there is no displacement, or a single view.
-    summary
-        As written to ``summary.json``.
-    """
-
-    session: Session
-    cameras: CameraSolution
-    tracks: Mapping[str, xr.Dataset]
-    displacement: xr.Dataset | None
-    audit: Audit | None
-    summary: Mapping[str, Any]
+def _read_tracks(path: Path) -> tuple[dict[str, xr.Dataset], str]:
+    tracks = read_tracks(path)
+    keys = {str(of_view.attrs.pop("key", "")) for of_view in tracks.values()}
+    return tracks, keys.pop() if len(keys) == 1 else ""
 
 
-@dataclass
-class Run:
-    """The stages of one session, in a folder or in memory.
+def _write_tracks(path: Path, tracks: Mapping[str, xr.Dataset], key: str) -> None:
+    write_tracks(path.parent, {view: of_view.assign_attrs(key=key) for view, of_view in tracks.items()})
+
+
+def _write_points(path: Path, points: xr.Dataset, key: str) -> None:
+    write_points(path.parent, points.assign_attrs(key=key))
+
+
+def _write_displacement(path: Path, displacement: xr.Dataset, key: str) -> None:
+    write_displacement(path.parent, displacement.assign_attrs(key=key, versions=package_versions()))
+
+
+class Measurement(Chain[Session]):
+    """The products of one session, in a folder or in memory.
 
     Parameters
     ----------
@@ -86,200 +65,282 @@ class Run:
     folder
         Run folder; ``None`` keeps everything in memory.
     progress
-        See `vfm_sdm.pipeline.Progress`.
+        Called with what is being done.
+    whole_files
+        Whether input files are told from others by their whole content; else large ones are by their size, time stamp
+        and sampled blocks (`vfm_sdm.core.files.file_fingerprint`).
+
+    Attributes
+    ----------
+    session
+        What is measured.
+
+    Examples
+    --------
+    >>> Measurement.products()[:5]
+    ('recordings', 'frames', 'cameras', 'points', 'tracks')
     """
 
-    session: Session
-    folder: Path | None = None
-    progress: Progress | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
-    reused: list[str] = field(default_factory=list)
-    _videos: dict[str, Video] = field(default_factory=dict)
-    _hashes: dict[str, str] = field(default_factory=dict)
-    _frames: dict[str, LumaArray] = field(default_factory=dict)
+    def __init__(
+        self,
+        session: Session,
+        folder: Path | str | None = None,
+        *,
+        progress: Progress | None = None,
+        whole_files: bool = False,
+    ) -> None:
+        super().__init__(session, None if folder is None else Path(folder))
+        self.progress = progress
+        self._session, self._whole_files = session, whole_files
+        self._hashes: dict[Path, str] = {}
+        self._parts: dict[str, Any] = {}
+
+    @property
+    def session(self) -> Session:
+        """What is measured."""
+        self.check_outside("the whole session")
+        return self._session
+
+    # What was filmed.
+
+    @product(reads=("view.name", "view.video", "view.images", "view.fps"))
+    def recordings(self, session: Session) -> dict[str, Video]:
+        """The recordings of all views by name, open."""
+        return open_views(session)
+
+    @product(needs=("recordings",))
+    def frames(self, session: Session) -> FirstFrames:
+        """First frame of every view."""
+        return FirstFrames(self.recordings)
+
+    # B and A: cameras, points in every view, tracks.
+
+    @product(
+        reads=(
+            *("view.name", "view.images", "view.lens", "view.camera", "view.level"),
+            *("site", "point", "chessboard", "method.subset_px"),
+        ),
+        needs=("frames",),
+        parts=("cameras", "matchers"),
+        kept=Kept("cameras.toml", read_solution, write_solution),
+    )
+    def cameras(self, session: Session) -> CameraSolution:
+        """Cameras, structural axes, and the points' pixels that helped to adjust them to the site."""
+        return solve_cameras(session, self.frames, self.part("cameras"), matcher=self.part("matchers"))
+
+    @product(
+        needs=("cameras",),
+        kept=Kept("points.nc", None, _write_points),
+        # A better lens must not cost another pass over the recordings where it leaves the points as they are.
+        identity=lambda points: points.to_dict(),
+    )
+    def points(self, session: Session) -> xr.Dataset:
+        """Pixels of every point in the first frame of every view."""
+        return self.cameras.points
+
+    @product(
+        needs=("recordings", "points"),
+        parts=("trackers",),
+        kept=Kept("tracks.nc", _read_tracks, _write_tracks),
+        label="tracking",
+    )
+    def tracks(self, session: Session) -> dict[str, xr.Dataset]:
+        """Tracks of all points by view, each on its own clock."""
+        return track_views(self.recordings, self.points, self.part("trackers"), progress=self.progress)
+
+    # C: the cameras' own motion taken out, one clock, displacement.
+
+    @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "tracks"))
+    def steady(self, session: Session) -> CameraMotion:
+        """Tracks without the motion of the cameras that static points show, and that motion."""
+        static = [p.name for p in session.point if p.static and session.method.camera_motion == "remove"]
+        return steady_tracks(self.tracks, self.cameras.rig, static)
+
+    @product(
+        reads=(
+            *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start"),
+            *("point.name", "point.static", "method.synchronization"),
+        ),
+        needs=("steady",),
+    )
+    def aligned(self, session: Session) -> xr.Dataset:
+        """Tracks of all views on the reference view's clock, and what is known of each view's clock."""
+        return synchronize_tracks(session, self.steady.tracks)
+
+    @product(reads=("method.refinement", "method.sgr", "method.still_interval_s"), needs=("cameras", "aligned"))
+    def refinement(self, session: Session) -> Refinement | None:
+        """Structural geometry refinement of the tracks; ``None`` where it was not asked for."""
+        if session.method.refinement == "none" or self.cameras.rig is None:
+            return None
+        if self.cameras.frame is None:
+            raise DatasetError(
+                "refinement: expected the structure's axes, got none; measure perpendicular_distance and "
+                'longitudinal_distance, or set method.refinement = "none"'
+            )
+        settings, still = sgr_settings(session.method.sgr), session.method.still_interval_s
+        return refine(self.aligned, self.cameras.rig, self.cameras.frame, settings=settings, still_interval_s=still)
+
+    @product(reads=("method.still_interval_s",), needs=("cameras", "aligned"))
+    def unrefined(self, session: Session) -> xr.Dataset | None:
+        """Displacement as the images alone give it; ``None`` without cameras."""
+        return self._triangulated(self.aligned, session) if self.cameras.rig is not None else None
+
+    @product(
+        reads=(
+            *("view.name", "point.name", "point.pixel", "site.length"),
+            *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
+        ),
+        needs=("cameras", "tracks", "steady", "aligned", "refinement", "unrefined"),
+        kept=Kept("displacement.nc", None, _write_displacement),
+    )
+    def displacement(self, session: Session) -> xr.Dataset | None:
+        """Displacement with its uncertainty; ``None`` without cameras or scale, as the cameras' status says.
+
+        A single view gives motion in the image plane if a length between two of its points is known.
+        """
+        rig = self.cameras.rig
+        if rig is None and len(session.view) == 1 and session.site.length:
+            return measure_planar(session, self.tracks[session.view[0].name])
+        if rig is None or self.unrefined is None:
+            return None
+        refined = self.unrefined
+        if self.refinement is not None:
+            refined = self._triangulated(self.refinement.tracks, session, self.refinement)
+        method = session.method
+        refined = refined.assign_attrs(
+            camera_status=self.cameras.status,
+            tracker=method.tracker,
+            cameras=method.cameras,
+            refinement=method.refinement,
+        )
+        stated = state_uncertainty(
+            refined,
+            self.unrefined,
+            self.aligned,
+            (rig, self.cameras.frame),
+            self.refinement,
+            method.sgr.suppressed_axis,
+        )
+        return add_facts(stated, self.aligned, self.steady.views, self.refinement)
+
+    # What is said of it.
+
+    @product(
+        reads=("view", "point", "site", "method"),
+        needs=("frames", "cameras", "tracks", "steady", "aligned", "unrefined", "displacement"),
+    )
+    def audit(self, session: Session) -> Audit | None:
+        """Checks and verdict; ``None`` without displacement, or of a single view."""
+        if self.cameras.rig is None or len(session.view) < 2 or self.displacement is None or self.unrefined is None:
+            return None
+        inputs = AuditInputs(
+            session=session,
+            cameras=self.cameras,
+            tracks=self.tracks,
+            aligned=self.aligned,
+            displacement=self.displacement,
+            unrefined=self.unrefined.assign(status=self.displacement["status"]),
+            camera_motion=self.steady.views,
+            frames=self.frames,
+        )
+        return audit(inputs)
+
+    @product(needs=("frames", "cameras", "points", "tracks", "displacement", "audit"))
+    def figures(self, session: Session) -> list[Path]:
+        """Paths of the pictures of the run, in ``figures/``; none without a folder or displacement."""
+        if self.folder is None or self.displacement is None:
+            return []
+        self._say("figures")
+        places = {str(v): self.points["position"].sel(view=v).values for v in self.points["view"].values}
+        return save_figures(self.folder, self.tracks, self.displacement, self.frames, places, audit=self.audit)
+
+    @product(reads=("*",), needs=("cameras", "tracks", "displacement", "audit"))
+    def summary(self, session: Session) -> dict[str, Any]:
+        """Everything a reviewer asks for, written to ``summary.json``."""
+        summary = describe_measurement(self.cameras, self.tracks, self.displacement, self.audit) | {
+            "name": session.name,
+            "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
+            "reused_stages": list(self.reused),
+            "versions": package_versions(),
+            "session_hash": session_hash(session),
+            "input_hashes": self.inputs_of(session),
+        }
+        if self.folder is not None:
+            write_summary(self.folder, summary)
+        return summary
 
     def check_method(self) -> None:
-        """Looks every back end up before any work is done.
+        """Makes every part that the session asks for before any work is done.
 
         Raises
         ------
         BackendUnavailableError
             One of them is unknown or cannot run here.
         """
-        _ = self._weights
+        for name in self.products():
+            for kind in self.product(name).parts:
+                self._part(kind)
 
-    @property
-    def videos(self) -> dict[str, Video]:
-        """The recordings, opened once."""
-        if not self._videos:
-            self._videos = open_views(self.session)
-        return self._videos
+    def part(self, kind: Kind) -> Any:
+        """The part of a kind (``cameras``, ``matchers``, ``trackers``) that the session asks for, made once."""
+        self.check_declared(kind)
+        return self._part(kind)
 
-    @property
-    def input_hashes(self) -> dict[str, str]:
-        """SHA-256 of every input file, by its path as the session names it."""
-        if not self._hashes:
-            with self._timed("hashing inputs"):
-                self._hashes = {name: file_hash(path) for name, path in _input_files(self.session)}
-        return self._hashes
+    # What keys are made of beside the session's fields and the code, see `vfm_sdm.core.products`.
 
-    @property
-    def frames(self) -> dict[str, LumaArray]:
-        """First frame of every view."""
-        if not self._frames:
-            self._frames = {view: video.first_frame().luma.copy() for view, video in self.videos.items()}
-        return self._frames
+    def inputs_of(self, settings: Session) -> dict[str, str]:
+        """Hashes of the files that a session names, by what it calls them; each file is read once."""
+        named = {}
+        for name, path in input_files(settings):
+            if path not in self._hashes:
+                with self.timed("hashing inputs"):
+                    self._hashes[path] = file_fingerprint(path, whole=self._whole_files)
+            named[name] = self._hashes[path]
+        return named
 
-    def cameras(self) -> CameraSolution:
-        """Cameras, axes and points, written to ``cameras.toml``."""
-        weights = json.dumps(self._weights["cameras"])
-        key = self._key("view", "site", "point", "chessboard", *_CAMERA_SETTINGS, extra=weights)
-        path = self._path("cameras.toml")
-        if path is not None and path.exists():
-            solution, found = read_solution(path)
-            if found == key:
-                self.reused.append("cameras")
-                return solution
-        with self._timed("cameras"):
-            self._say("cameras", 0, None)
-            solution = solve_cameras(self.session, self.frames)
-        if path is not None:
-            write_solution(path, solution, key=key)
-        return solution
+    def part_of(self, kind: Kind) -> dict[str, Any]:
+        """Name, settings and weights of the chosen part."""
+        return {"weights": str(getattr(self._part(kind), "weights_id", ""))}
 
-    def tracks(self, cameras: CameraSolution) -> dict[str, xr.Dataset]:
-        """Tracks of every view, written to ``tracks.nc``."""
-        # Not the whole view: a better lens prior must not cost another pass over the recordings.
-        sources = [[v.name, str(v.video), v.images, v.fps] for v in self.session.view]
-        points = {v: dict(p) for v, p in cameras.points.items()}
-        inputs = json.dumps([sources, points, self._weights["tracking"]], sort_keys=True)
-        key = self._key("method.tracker", "method.subset_px", "method.network", extra=inputs)
-        path = self._path("tracks.nc")
-        if path is not None and path.exists():
-            tracks = read_tracks(path)
-            if all(t.attrs.get("key") == key for t in tracks.values()) and list(tracks) == list(self.videos):
-                self.reused.append("tracking")
-                return tracks
-        tracker = tracker_of(self.session.resolved_method)
-        with self._timed("tracking"):
-            tracks = track_views(self.videos, cameras.points, tracker, progress=self.progress)
-        for view, video in self.videos.items():
-            tracks[view].attrs.update({f"decode_{k}": v for k, v in asdict(video.report).items()}, key=key)
-            tracks[view].attrs["decode_bits_per_pixel"] = self._bits_per_pixel(view)
-        if path is not None:
-            write_tracks(path.parent, tracks)
-        return tracks
+    def part_settings(self, kind: Kind) -> list[str]:
+        """Settings that the chosen part reads, and the one that chooses it."""
+        return [f"method.{name}" for name in settings_read(kind, self._session.method)]
 
-    def displacement(self, cameras: CameraSolution, tracks: Mapping[str, xr.Dataset]) -> xr.Dataset | None:
-        """Displacement, written to ``displacement.nc`` and ``displacement.csv``; ``None`` without cameras or scale."""
-        with self._timed("displacement"):
-            displacement = displacement_of(self.session, tracks, cameras)
-        if displacement is None:
-            return None
-        displacement.attrs.update(session_hash=session_hash(self.session), versions=json.dumps(versions()))
-        if self.folder is not None:
-            write_displacement(self.folder, displacement)
-        return displacement
+    def part_modules(self, kind: Kind) -> tuple[str, ...]:
+        """Modules of the chosen part."""
+        return code_modules(kind, self._session.method)
 
-    def audit(
-        self, cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset | None
-    ) -> Audit | None:
-        """Checks and verdict; ``None`` without displacement."""
-        if displacement is None:
-            return None
-        with self._timed("audit"):
-            return audit_of(self.session, tracks, cameras, displacement, self.frames)
+    def versions(self) -> dict[str, str]:
+        """Versions of the packages that compute."""
+        return package_versions()
 
-    def figures(
-        self,
-        cameras: CameraSolution,
-        tracks: Mapping[str, xr.Dataset],
-        displacement: xr.Dataset,
-        audit: Audit | None = None,
-    ) -> list[Path]:
-        """The pictures of the run, in ``figures/``."""
-        if self.folder is None:
-            return []
-        with self._timed("figures"):
-            self._say("figures", 0, None)
-            points = {view: np.array(list(named.values())) for view, named in cameras.points.items()}
-            return save_figures(self.folder, tracks, displacement, self.frames, points, audit=audit)
+    def _part(self, kind: Kind) -> Any:
+        if kind not in self._parts:
+            self._parts[kind] = make(kind, self._session.resolved_method)
+        return self._parts[kind]
 
-    def summary(
-        self,
-        cameras: CameraSolution,
-        tracks: Mapping[str, xr.Dataset],
-        displacement: xr.Dataset | None,
-        audit: Audit | None = None,
-    ) -> dict[str, Any]:
-        """Everything a reviewer asks for, written to ``summary.json``."""
-        summary = {
-            "name": self.session.name,
-            "status": cameras.status,
-            "audit": None if audit is None else audit.as_table(),
-            "notes": [*cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
-            "points": {} if displacement is None else summarize_displacement(displacement),
-            "frame": None if displacement is None else displacement.attrs["frame"],
-            "cameras": {
-                "epipolar_rms_px": cameras.epipolar_rms_px,
-                "quantities": [{**asdict(q), "determined": q.determined} for q in cameras.quantities],
-                "point_status": {v: dict(p) for v, p in cameras.point_status.items()},
-            },
-            "recordings": {view: describe_recording(t) for view, t in tracks.items()},
-            "clocks": {} if displacement is None else describe_clocks(displacement, list(tracks)),
-            "camera_motion": {} if displacement is None else describe_camera_motion(displacement, list(tracks)),
-            "refinement": {} if displacement is None else describe_refinement(displacement),
-            "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
-            "reused_stages": list(self.reused),
-            "versions": versions(),
-            "session_hash": session_hash(self.session),
-            "input_hashes": self.input_hashes,
-        }
-        if self.folder is not None:
-            write_summary(self.folder, summary)
-        return summary
+    def _triangulated(self, tracks: xr.Dataset, session: Session, refinement: Refinement | None = None) -> xr.Dataset:
+        """Displacement of synchronised tracks, refined or not."""
+        cameras = self.cameras
+        if cameras.rig is None:
+            raise DatasetError("displacement: expected cameras, got none; see the status of the cameras")
+        return compute_displacement(
+            tracks,
+            cameras.rig,
+            frame=cameras.frame,
+            covariance=cameras.covariance,
+            refinement_gain=None if refinement is None else refinement.gain,
+            still_interval_s=session.method.still_interval_s,
+        )
 
-    def _bits_per_pixel(self, view: str) -> float:
-        """Size of a video's file over the pixels it holds; NaN for images."""
-        source = next(v.video for v in self.session.view if v.name == view)
-        video = self.videos[view]
-        pixels = video.info.width * video.info.height * max(video.report.frames, 1)
-        return float("nan") if source is None else 8 * self.session.resolve(source).stat().st_size / pixels
-
-    @cached_property
-    def _weights(self) -> dict[str, list[str]]:
-        """Which weights the networks of each stage have; to know them, every back end is looked up."""
-        method = self.session.resolved_method
-        stages: dict[str, list[object]] = {"cameras": [estimator_of(method)], "tracking": [tracker_of(method)]}
-        if method.correspondence == "vggt":
-            stages["cameras"].append(find_tracker("vggt", network=method.network))
-        return {
-            stage: [str(part.weights_id) for part in parts if hasattr(part, "weights_id")]
-            for stage, parts in stages.items()
-        }
-
-    def _key(self, *parts: str, extra: str = "") -> str:
-        """Hash of those parts of the session, and of the input files, that a stage depends on."""
-        fields = self.session.model_dump(mode="json")
-        chosen = {part: _dig(fields, part) for part in parts}
-        text = json.dumps([chosen, self.input_hashes, extra, version("vfm-sdm")], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
-
-    def _path(self, name: str) -> Path | None:
-        return None if self.folder is None else self.folder / name
-
-    def _say(self, what: str, done: int, total: int | None) -> None:
+    def _say(self, what: str) -> None:
         if self.progress is not None:
-            self.progress(what, done, total)
-
-    @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = time.perf_counter() - start
+            self.progress(what, 0, None)
 
 
-def measure(session: Session, folder: Path | str | None = None, *, progress: Progress | None = None) -> Measurement:
+def measure(
+    session: Session, folder: Path | str | None = None, *, progress: Progress | None = None, whole_files: bool = False
+) -> Measurement:
     """The whole way from recordings to displacement.
 
     Parameters
@@ -291,34 +352,28 @@ def measure(session: Session, folder: Path | str | None = None, *, progress: Pro
         results in memory only.
     progress
         Called with what is being done.
+    whole_files
+        Whether large input files are hashed as a whole, see `Measurement`.
+
+    Returns
+    -------
+    measurement
+        With all its products made: ``cameras``, ``tracks``, ``displacement`` (``None`` where no cameras could be
+        found; ``cameras.status`` says why), ``audit`` (``None`` where there is no displacement), ``summary``, ...
 
     Raises
     ------
     VfmSdmError
         Something in the session or its files cannot be used; see the subclasses.
     """
-    run = Run(session, None if folder is None else Path(folder), progress)
-    run.check_method()
-    if run.folder is not None:
-        _prepare_folder(run.folder)
-        write_session(run.folder / "session.resolved.toml", session)
-    cameras = run.cameras()
-    tracks = run.tracks(cameras)
-    displacement = run.displacement(cameras, tracks)
-    audit = run.audit(cameras, tracks, displacement)
-    if displacement is not None:
-        run.figures(cameras, tracks, displacement, audit)
-    summary = run.summary(cameras, tracks, displacement, audit)
-    return Measurement(session, cameras, tracks, displacement, audit, summary)
-
-
-def versions() -> dict[str, str]:
-    """Versions of what a result depends on."""
-    found = {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
-    for name in _OPTIONAL:
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+    measurement = Measurement(session, folder, progress=progress, whole_files=whole_files)
+    measurement.check_method()
+    if measurement.folder is not None:
+        _prepare_folder(measurement.folder)
+        write_session(measurement.folder / "session.resolved.toml", session)
+    for name in ("cameras", "points", "tracks", "displacement", "audit", "figures", "summary"):
+        getattr(measurement, name)
+    return measurement
 
 
 def _prepare_folder(folder: Path) -> None:
@@ -328,30 +383,3 @@ def _prepare_folder(folder: Path) -> None:
         raise ResultsError(
             f"{folder}: expected a folder to write to, got {error.strerror}; choose another -o"
         ) from error
-
-
-def _input_files(session: Session) -> Iterator[tuple[str, Path]]:
-    for view in session.view:
-        if view.video is not None:
-            yield str(view.video), session.resolve(view.video)
-        else:
-            yield from _pattern_files(session, view.name, str(view.images))
-        if view.camera is not None:
-            yield str(view.camera), session.resolve(view.camera)
-    board = session.chessboard
-    if board is not None and board.corners is not None:
-        yield str(board.corners), session.resolve(board.corners)
-    for name, pattern in (board.images or {} if board is not None else {}).items():
-        yield from _pattern_files(session, f"chessboard {name}", pattern)
-
-
-def _pattern_files(session: Session, label: str, pattern: str) -> Iterator[tuple[str, Path]]:
-    for path in sorted(glob(session.resolve_pattern(pattern))):
-        yield f"{label}: {Path(path).name}", Path(path)
-
-
-def _dig(fields: Mapping[str, Any], dotted: str) -> Any:
-    value: Any = fields
-    for part in dotted.split("."):
-        value = value[part]
-    return value

@@ -7,21 +7,24 @@ import numpy as np
 import pytest
 
 from boards import add_noise, board_poses, see_board
-from known_cameras import KnownCameras, as_colors, vggt_cameras, with_pictures, write_pictures
+from known_cameras import KnownCameras, Pictures, as_colors, vggt_cameras, with_pictures, write_pictures
 from rooms import BASELINE_M, SIZE, room_frames, room_rig, room_session
-from vfm_sdm.cameras.base import ESTIMATORS, CameraEstimate, find_estimator
-from vfm_sdm.cameras.board_detection import board_points
-from vfm_sdm.cameras.file import write_rig
-from vfm_sdm.cameras.site import rig_difference
+from vfm_sdm.core.parts import BUILT_IN
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
+from vfm_sdm.inputs.session import FirstFrames, open_views
+from vfm_sdm.stages.cameras.base import CameraEstimate, find_estimator
+from vfm_sdm.stages.cameras.chessboard.detection import board_points
+from vfm_sdm.stages.cameras.file import write_rig
+from vfm_sdm.stages.cameras.site import rig_difference
 
-NETWORKS = {"vggt"}
+ESTIMATORS = BUILT_IN["cameras"]
+NETWORKS = {name for name, part in ESTIMATORS.items() if part.needs is not None and part.needs.checkpoints}
 """Estimators whose weights cannot be had here: they run with a stand-in that knows the room, or with random weights."""
-NEEDS_FEATURES = {"sfm", "two-view"}
-USES_IMAGES = NEEDS_FEATURES | NETWORKS
+USES_IMAGES = {name for name, part in ESTIMATORS.items() if "baseline" in part.requires}
+NEEDS_FEATURES = USES_IMAGES - NETWORKS
 NEEDS_TWO_VIEWS = {"chessboard", *USES_IMAGES}
-PACKAGES = {"sfm": "pycolmap", "vggt": "torch"}
+PACKAGES = {name: part.needs.packages[0] for name, part in ESTIMATORS.items() if part.needs is not None}
 
 PATTERN, SQUARE_M = (9, 6), 0.25
 RESIZED = (518, 392)
@@ -35,7 +38,7 @@ FILE_STD = np.array([1e-3, 0.5, 0.5, 1e-3, *[1e-3] * 3, *[2e-3] * 3])
 def room():
     """The true rig, and what its cameras see."""
     rig = room_rig(2)
-    return rig, room_frames(rig)
+    return rig, Pictures(room_frames(rig))
 
 
 @pytest.fixture(params=sorted(ESTIMATORS))
@@ -76,6 +79,15 @@ def session_for(name, folder, rig, **more):
     return with_pictures(session) if name in NETWORKS else session
 
 
+def asked(name, folder, rig, frames, room):
+    """What the estimator answers; one that wants colours sees the recordings, the first view of ``frames`` first."""
+    session = session_for(name, folder, rig)
+    if name in NETWORKS:
+        videos = open_views(session)
+        frames = FirstFrames({view: videos[view] for view in frames})
+    return estimator_for(name, folder, room).estimate(session, frames)
+
+
 def estimator_for(name, folder, room=None):
     """The estimator; a network knows the room where one is given, else it has random weights."""
     if name not in NETWORKS:
@@ -92,7 +104,7 @@ def estimates(room, folder):
     def estimate(name):
         if name not in made:
             rig, frames = room
-            made[name] = estimator_for(name, folder, room).estimate(session_for(name, folder, rig), frames)
+            made[name] = asked(name, folder, rig, frames, room)
         return made[name]
 
     return estimate
@@ -161,9 +173,7 @@ def test_image_based_estimators_hand_on_their_matches(name, estimates):
 
 def test_is_deterministic(name, room, folder):
     rig, frames = room
-    first, second = (
-        estimator_for(name, folder, room).estimate(session_for(name, folder, rig), frames) for _ in range(2)
-    )
+    first, second = (asked(name, folder, rig, frames, room) for _ in range(2))
     assert first.status == second.status == "ok"
     for a, b in zip(first.rig.cameras, second.rig.cameras, strict=True):
         # To rounding: where an array lies in memory decides the order in which a matrix product is summed.
@@ -175,9 +185,9 @@ def test_is_deterministic(name, room, folder):
 
 def test_the_first_frame_is_the_reference_view(name, room, folder):
     rig, frames = room
-    swapped = {view: frames[view] for view in reversed(rig.names)}
+    swapped = Pictures({view: frames[view] for view in reversed(rig.names)})
     truth = Rig.from_world(rig.names[::-1], rig.cameras[::-1], metric=True)
-    found = estimator_for(name, folder, room).estimate(session_for(name, folder, rig), swapped).rig
+    found = asked(name, folder, rig, swapped, room).rig
     assert found.names == truth.names
     np.testing.assert_allclose(found.cameras[0].cam_from_world, np.eye(3, 4), atol=1e-12)
     difference = rig_difference(truth, found)[-6:]
@@ -196,7 +206,7 @@ def test_featureless_frames_are_a_named_failure(name, room, folder):
     if name not in NEEDS_FEATURES:
         pytest.skip(f"{name!r} does not rest on features")
     rig, _ = room
-    flat = {view: np.full(SIZE[::-1], 90, np.uint8) for view in rig.names}
+    flat = Pictures({view: np.full(SIZE[::-1], 90, np.uint8) for view in rig.names})
     estimate = find_estimator(name).estimate(session_for(name, folder, rig), flat)
     assert (estimate.rig, estimate.matches) == (None, ())
     assert estimate.status != "ok"
@@ -208,7 +218,7 @@ def test_one_view_is_refused(name, room, folder):
         pytest.skip(f"{name!r} needs no second view")
     rig, frames = room
     with pytest.raises(CameraError, match=r"expected at least two views, got \['left'\]; add a \[\[view\]\]"):
-        estimator_for(name, folder).estimate(session_for(name, folder, rig), {"left": frames["left"]})
+        estimator_for(name, folder).estimate(session_for(name, folder, rig), Pictures({"left": frames["left"]}))
 
 
 def test_a_missing_baseline_is_refused(name, room, folder):

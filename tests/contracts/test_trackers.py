@@ -10,18 +10,28 @@ import cv2
 import numpy as np
 import pytest
 
+from plugins import example_package, example_parts, installed
 from small_networks import NETWORK_TRACKERS, ROUNDING_PX, in_double, small_tracker
 from textures import WaveTexture
-from vfm_sdm.datasets import Status, check_tracks
+from vfm_sdm.core.datasets import Status, check_tracks
+from vfm_sdm.core.parts import BUILT_IN
 from vfm_sdm.errors import BackendUnavailableError, DatasetError
-from vfm_sdm.tracking.base import TRACKERS, find_tracker
-from vfm_sdm.video import open_images
+from vfm_sdm.inputs.video import open_images
+from vfm_sdm.stages.tracking.base import find_tracker
 
+TRACKERS = [*BUILT_IN["trackers"], "lucas-kanade"]
+"""Those of this package, and the example of CONTRIBUTING.md."""
 SHAPE = (220, 260)
 FRAMES = 12
 POINTS = np.array([[80.25, 90.5], [170.0, 120.75], [120.5, 150.0]])
-ACCURACY_PX = {"icgn": 0.01, "template": 0.06}
+ACCURACY_PX = {"icgn": 0.01, "template": 0.06, "lucas-kanade": 0.05}
 """Largest error on a clean texture; the template's resolution is 1/16 px."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def example(tmp_path_factory):
+    with installed(tmp_path_factory.mktemp("site"), example_parts(), example_package()):
+        yield
 
 
 def motion(frame):
@@ -134,7 +144,7 @@ def test_missing_is_nan_and_named(seeing, tmp_path):
 
 def test_progress_counts_every_frame(tracker, clip):
     seen = []
-    track(tracker, clip, progress=seen.append)
+    track(tracker, clip, progress=lambda what, done, total: seen.append(done))
     assert seen[-1] == FRAMES
     assert seen == sorted(seen)
 
@@ -150,5 +160,8 @@ def test_points_outside_the_image_are_refused(tracker, clip):
 
 
 def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(BackendUnavailableError, match=r"expected one of \['icgn', 'tapir',.*\], got 'ignc'"):
+    with pytest.raises(
+        BackendUnavailableError,
+        match=r"expected one of \['icgn', 'lucas-kanade', 'tapir',.*\], got 'ignc'; did you mean 'icgn'",
+    ):
         find_tracker("ignc")

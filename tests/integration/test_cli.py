@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from scenes import write_scene
-from vfm_sdm import cli
-from vfm_sdm.datasets import STRUCTURE_AXES, make_displacement
-from vfm_sdm.metrics import Score
-from vfm_sdm.protocol import Benchmark, Case
-from vfm_sdm.protocol.tables import comparison_table
-from vfm_sdm.results import write_displacement
-from vfm_sdm.session import Session, read_session, write_session
-from vfm_sdm.synthetic.presets import PRESETS
+from vfm_sdm.analysis.evaluation.metrics import Score
+from vfm_sdm.commands import app as cli
+from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+from vfm_sdm.inputs.session import Session, read_session, write_session
+from vfm_sdm.outputs.results import write_displacement
+from vfm_sdm.studies.protocol import Benchmark, Case
+from vfm_sdm.studies.protocol.tables import comparison_table
+from vfm_sdm.studies.synthetic.presets import PRESETS
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +166,7 @@ def benchmark_calls(monkeypatch):
         calls.append((folder, options))
         return Benchmark(folder, dict(tables), {}, [], 90.0)
 
-    monkeypatch.setattr("vfm_sdm.cli.run_benchmark", run)
+    monkeypatch.setattr("vfm_sdm.commands.app.run_benchmark", run)
     return calls, tables, case, score
 
 

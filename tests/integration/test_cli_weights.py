@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from vfm_sdm import cli
+from vfm_sdm.commands import app as cli
 from vfm_sdm.networks import checkpoints, download
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from vfm_sdm.datasets import STRUCTURE_AXES, make_displacement, make_tracks
-from vfm_sdm.evaluation import evaluate, read_sensors
-from vfm_sdm.synchronize import LagStatus, synchronize_views
-from vfm_sdm.synthetic.presets import PRESETS, preset
-from vfm_sdm.synthetic.sensors import write_acceleration
+from vfm_sdm.analysis.evaluation import evaluate, read_sensors
+from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement, make_tracks
+from vfm_sdm.core.statuses import ClockStatus
+from vfm_sdm.stages.synchronize import synchronize_views
+from vfm_sdm.studies.synthetic.presets import PRESETS, preset
+from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
 SEEDS = range(10)
 TRACKER_STD_PX = 0.03
@@ -124,7 +125,7 @@ def over_all(clocks):
 
 
 def test_camera_offset_within_a_millisecond(views):
-    assert {status for clocks in views.values() for status in clocks.status} == {LagStatus.OK}
+    assert {status for clocks in views.values() for status in clocks.status} == {ClockStatus.OK}
     assert over_all(views) < VIEWS_MS
     # Each test alone stays inside the bar as well; the offsets themselves are a hundred times larger.
     for name, clocks in views.items():
@@ -134,7 +135,7 @@ def test_camera_offset_within_a_millisecond(views):
 
 
 def test_sensor_offset_within_three_milliseconds(sensors):
-    assert {status for clocks in sensors.values() for status in clocks.status} == {LagStatus.OK}
+    assert {status for clocks in sensors.values() for status in clocks.status} == {ClockStatus.OK}
     assert over_all(sensors) < SENSORS_MS
     for name, clocks in sensors.items():
         assert clocks.rms_ms < SENSORS_MS, name

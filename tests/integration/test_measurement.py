@@ -8,18 +8,21 @@ import cv2
 import numpy as np
 import pytest
 
+from passes import count_passes
 from scenes import FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
-from vfm_sdm.cameras.solution import CameraSolution
-from vfm_sdm.datasets import STRUCTURE_AXES, Status, make_tracks
-from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError, SessionError
+from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_points, make_tracks
+from vfm_sdm.core.netcdf import read_displacement, read_tracks
+from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
-from vfm_sdm.measurement import measure
-from vfm_sdm.pipeline import displacement_of, synchronize_tracks, track_views
-from vfm_sdm.results import read_displacement, read_tracks
-from vfm_sdm.session import Session, open_views, read_session, write_session
-from vfm_sdm.tracking.icgn import IcgnTracker
+from vfm_sdm.inputs.session import Session, open_views, read_session, write_session
+from vfm_sdm.measurement import Measurement, measure
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.matching.points import named_points
+from vfm_sdm.stages.synchronize import synchronize_tracks
+from vfm_sdm.stages.tracking.icgn import IcgnTracker
+from vfm_sdm.stages.tracking.views import track_views
 
 TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])
 
@@ -104,14 +107,10 @@ def test_the_summary_lets_a_reviewer_trace_the_figures(measured):
     assert checks["tripods"]["outcome"] == "not possible"
 
 
-def test_finished_stages_are_reused(recorded, measured, monkeypatch):
-    def refuse(*_args, **_kwargs):
-        raise AssertionError("a finished stage was run again")
-
-    monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", refuse)
-    monkeypatch.setattr("vfm_sdm.measurement.track_views", refuse)
+def test_finished_stages_are_reused(recorded, measured):
     again = measure(read_session(recorded), measured[1])
     assert again.summary["reused_stages"] == ["cameras", "tracking"]
+    assert not {"cameras", "tracks"} & set(again.made)
     np.testing.assert_array_equal(again.displacement["displacement"], measured[0].displacement["displacement"])
 
 
@@ -136,6 +135,33 @@ def test_a_changed_setting_runs_only_what_depends_on_it(recording, tmp_path):
     assert measure(changed(session, method=method), out).summary["reused_stages"] == ["cameras"]
 
 
+@pytest.mark.parametrize(
+    "method", [{"tracker": "icgn"}, {"tracker": "template"}, {"tracker": "icgn", "cameras": "file"}]
+)
+def test_each_product_is_made_once_and_each_recording_decoded_once(recorded, tmp_path, monkeypatch, method):
+    """A first frame for cameras and points, and the one pass that these trackers need."""
+    counted = count_passes(monkeypatch)
+    session = read_session(recorded)
+    chosen = session.model_copy(update={"method": session.method.model_copy(update=method)})
+    result = measure(chosen, tmp_path / "run")
+    assert result.displacement is not None
+    assert set(result.made) == set(Measurement.products())
+    assert set(result.made.values()) == {1}
+    assert [len(of_each) for of_each in counted.values()] == [2, 2, 2]
+    assert {count for of_each in counted.values() for count in of_each.values()} == {1}
+    # Asking again makes nothing again.
+    assert result.aligned is result.aligned
+    assert set(result.made.values()) == {1}
+
+
+def test_asking_for_cameras_decodes_first_frames_only(recorded, monkeypatch):
+    counted = count_passes(monkeypatch)
+    measurement = Measurement(read_session(recorded))
+    assert measurement.cameras.rig is not None
+    assert set(measurement.made) == {"recordings", "frames", "cameras"}
+    assert not counted["passes"]
+
+
 def test_without_a_folder_nothing_is_written(recorded, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = measure(read_session(recorded))
@@ -155,8 +181,7 @@ def test_a_point_without_texture_is_missing_with_its_reason(recording):
         image[:, :170] = 128
         cv2.imwrite(str(path), image)
     result = measure(read_session(recording))
-    states = result.cameras.point_status["right"]
-    assert states["a"] != "ok"
+    assert result.cameras.points["status"].sel(view="right", point="a") != "ok"
     assert np.isnan(result.displacement["displacement"].sel(point="a").values).all()
     assert np.isfinite(result.displacement["displacement"].sel(point="c").values).all()
     assert any("point 'a', view 'right'" in note for note in result.summary["notes"])
@@ -165,7 +190,8 @@ def test_a_point_without_texture_is_missing_with_its_reason(recording):
 def test_a_view_in_which_no_point_is_found_has_lost_tracks_on_its_clock(recorded):
     session = read_session(recorded)
     videos = open_views(session)
-    points = {view: {"a": (np.nan, np.nan), "b": (np.nan, np.nan)} for view in videos}
+    nowhere, lost = np.full((2, 2, 2), np.nan), [["lost"] * 2] * 2
+    points = make_points(list(videos), ["a", "b"], position=nowhere, position_std=nowhere, status=lost)
     tracks = track_views(videos, points, IcgnTracker())
     for view, of_view in tracks.items():
         np.testing.assert_array_equal(of_view["time"], [frame.time_s for frame in videos[view].frames()])
@@ -191,7 +217,7 @@ def test_refusals(recording, tmp_path):
     session = read_session(recording)
     with pytest.raises(DatasetError, match="refinement: expected the structure's axes, got none"):
         measure(changed(session, method={**session.method.model_dump(), "refinement": "sgr"}))
-    with pytest.raises(BackendUnavailableError, match="tracker: expected one of"):
+    with pytest.raises(SessionError, match=r"method\.tracker: expected one of .*, got 'icg'; did you mean 'icgn'"):
         measure(changed(session, method={**session.method.model_dump(), "tracker": "icg"}))
     outside = [{"name": "far", "view": "left", "pixel": [4000.0, 10.0]}]
     with pytest.raises(SessionError, match=r"'far' in view 'left': expected inside 360 x 260, got \(4000, 10\)"):
@@ -255,8 +281,14 @@ def make_recordings(*, periodic=False, moving=True, noise_px=(0.01, 0.01), late_
         seen = np.asarray(camera.project(rest + motion @ FRAME.rotation)) + rng.normal(0, std, (240, 2, 2))
         covariance = np.broadcast_to(np.eye(2) * std**2, (240, 2, 2, 2))
         tracks[name] = make_tracks(stamps, ["p", "q"], seen, covariance, np.zeros((240, 2), int), attrs={})
-    solution = CameraSolution(Rig(("left", "right"), rig.cameras, rig.metric), FRAME, None, {}, {})
+    solution = CameraSolution(
+        Rig(("left", "right"), rig.cameras, rig.metric), FRAME, None, named_points(make_session(), ["left", "right"])
+    )
     return tracks, solution
+
+
+def displacement_of(session, tracks, solution):
+    return Measurement(session).given(cameras=solution, tracks=tracks).displacement
 
 
 def make_session(*, method=None, left=None, **right):
@@ -281,18 +313,19 @@ class TestClocks:
     def test_the_motion_tells_the_offset(self):
         tracks, solution = make_recordings()
         displacement = displacement_of(make_session(), tracks, solution)
-        offset_s, std_s, ratio = displacement.attrs["clock_right"]
+        right = displacement.sel(view="right")
+        offset_s, std_s, ratio = (right[f"clock_{name}"].item() for name in ("offset", "offset_std", "rate"))
         assert offset_s == pytest.approx(LATE_S, abs=1e-3)
         assert 0 < std_s < 1e-3
         assert ratio == 1.0
-        assert displacement.attrs["clock_right_status"] == "ok"
-        assert "clock_left" not in displacement.attrs or displacement.attrs["clock_left"][0] == 0
+        assert right["clock_status"] == "ok"
+        assert displacement["clock_offset"].sel(view="left") == 0
         assert largest_error_mm(displacement) < 1.0
         assert (displacement["status"].values == Status.OK).all()
         # The same recordings taken as simultaneous are wrong by more than the motion.
         simultaneous = displacement_of(make_session(method={"synchronization": "none"}), tracks, solution)
         assert largest_error_mm(simultaneous) > 10
-        assert "clock_right" not in simultaneous.attrs
+        assert list(simultaneous["clock_status"].values) == ["as stated", "as stated"]
 
     @pytest.mark.parametrize(
         "stated",
@@ -303,8 +336,8 @@ class TestClocks:
     )
     def test_a_stated_offset_is_taken_where_the_motion_tells_none(self, stated):
         tracks, _ = make_recordings(moving=False)
-        aligned, clocks = synchronize_tracks(make_session(**stated), tracks)
-        assert clocks["right"].status == "no common motion"
+        aligned = synchronize_tracks(make_session(**stated), tracks)
+        assert aligned["clock_status"].sel(view="right") == "no common motion"
         assert aligned["time"].values[0] == pytest.approx(6 / 30)
         tracks, solution = make_recordings()
         method = {"synchronization": "none"}
@@ -325,11 +358,11 @@ class TestClocks:
     def test_an_offset_that_nobody_knows_makes_samples_unreliable(self):
         tracks, solution = make_recordings(moving=False)
         unknown = displacement_of(make_session(), tracks, solution)
-        assert unknown.attrs["clock_right_status"] == "no common motion"
+        assert unknown["clock_status"].sel(view="right") == "no common motion"
         assert (unknown["status"].values == Status.UNRELIABLE).all()
         assert np.isnan(unknown["uncertainty"].sel(component="synchronization")).all()
         stated = displacement_of(make_session(time_offset_s=LATE_S), tracks, solution)
-        assert stated.attrs["clock_right_status"] == "no common motion"
+        assert stated["clock_status"].sel(view="right") == "no common motion"
         assert (stated["status"].values == Status.OK).all()
         # A time of one view alone says nothing, zero does.
         alone = displacement_of(make_session(start="2026-11-20T10:00:00Z"), tracks, solution)
@@ -346,11 +379,11 @@ class TestClocks:
     def test_the_stated_offset_s_accuracy_decides_between_peaks(self):
         tracks, _ = make_recordings(periodic=True)
         session = make_session(time_offset_s=0.2)
-        assert synchronize_tracks(session, tracks)[1]["right"].status == "peak not unique"
+        assert synchronize_tracks(session, tracks)["clock_status"].sel(view="right") == "peak not unique"
         sure = make_session(time_offset_s=0.2, time_offset_std_s=0.03)
-        found = synchronize_tracks(sure, tracks)[1]["right"]
-        assert found.status == "ok"
-        assert found.offset_s == pytest.approx(LATE_S, abs=1e-3)
+        found = synchronize_tracks(sure, tracks).sel(view="right")
+        assert found["clock_status"] == "ok"
+        assert found["clock_offset"].item() == pytest.approx(LATE_S, abs=1e-3)
 
 
 class TestRefinement:
@@ -362,9 +395,9 @@ class TestRefinement:
         tracks, solution = make_recordings(noise_px=(0.02, 0.1))
         before, after = displacement_of(make_session(), tracks, solution), self.refined()
         assert after.attrs["refinement"] == "sgr"
-        assert after.attrs["refinement_status"] == ["ok", "ok"]
-        assert after.attrs["refined_view"] == ["right", "right"]
-        assert "refinement_status" not in before.attrs
+        assert list(after["refinement_status"].values) == ["ok", "ok"]
+        assert list(after["refined_view"].values) == ["right", "right"]
+        assert "refinement_status" not in before
         longitudinal = [float(one["displacement"].sel(axis="longitudinal").std()) for one in (before, after)]
         assert longitudinal[1] < 0.3 * longitudinal[0]
         stated = [float(one["displacement_std"].sel(axis="longitudinal").mean()) for one in (before, after)]
@@ -376,7 +409,7 @@ class TestRefinement:
         assert float(np.sqrt((vertical**2).mean())) < 0.3
 
     def test_its_settings_are_those_of_the_session(self):
-        assert self.refined(uncertain_view="left").attrs["refined_view"] == ["left", "left"]
+        assert list(self.refined(uncertain_view="left")["refined_view"].values) == ["left", "left"]
         share = float(self.refined()["prior_share"][0])
         for lax in ({"pixel": 50.0}, {"longitudinal": 0.1, "longitudinal_rate": 0.1}, {"others": 600.0}):
             assert float(self.refined(**lax)["prior_share"][0]) < share - 0.03

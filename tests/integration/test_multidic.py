@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from multidic import rig_from_control_points
-from vfm_sdm.cameras.file import write_rig
+from vfm_sdm.inputs.session import Session
 from vfm_sdm.measurement import measure
-from vfm_sdm.session import Session
+from vfm_sdm.stages.cameras.file import write_rig
 
 MAGNITUDES_MM = (0.0, 0.424, 0.900, 1.394, 1.878)  # two independent trackers agree on them to 0.002 mm
 

@@ -6,13 +6,14 @@ Stand-ins take the place of trained networks: one that follows points by plain c
 import numpy as np
 import pytest
 
+from passes import count_passes
 from scenes import FRAMES, motion_mm, write_scene
 from standins import MatchingNetwork
-from vfm_sdm.datasets import Status
+from vfm_sdm.core.datasets import Status
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.measurement import Run, measure
-from vfm_sdm.session import Method, Network, read_session
-from vfm_sdm.tracking.vggt import VggtTracker
+from vfm_sdm.inputs.session import Method, Network, read_session
+from vfm_sdm.measurement import Measurement, measure
+from vfm_sdm.stages.tracking.vggt import VggtTracker
 
 pytest.importorskip("torch", reason="PyTorch is not installed; pip install 'vfm-sdm[vfm]'")
 
@@ -59,6 +60,15 @@ def test_network_and_registration_give_the_truth(session, matching, preset, tmp_
     assert result.summary["versions"]["torch"]
 
 
+@pytest.mark.parametrize(("tracker", "passes"), [("vggt", 1), ("vggt+icgn", 2)])
+def test_the_network_and_the_registration_decode_once_each(session, matching, monkeypatch, tracker, passes):
+    counted = count_passes(monkeypatch)
+    result = measure(session(tracker=tracker, correspondence="vggt"))
+    assert set(result.made.values()) == {1}
+    assert set(counted["passes"].values()) == {passes}
+    assert set(counted["opened"].values()) == {1}
+
+
 def test_a_network_alone_says_what_it_does_not_know(session, matching):
     result = measure(session(tracker="vggt"))
     error = result.displacement["displacement"].values - TRUE_MM[:, None]
@@ -80,22 +90,21 @@ def test_the_network_carries_points_to_the_other_view(session, matching, monkeyp
         asked.append((type(network).__name__, first.shape, len(points2d)))
         return np.full(points2d.shape, np.nan)
 
-    monkeypatch.setattr("vfm_sdm.point_transfer.locate_points", locate)
+    monkeypatch.setattr("vfm_sdm.stages.matching.network.locate_points", locate)
     chosen = session(correspondence="vggt")
-    solution = Run(chosen).cameras()
+    solution = Measurement(chosen).cameras
     assert {(name, count) for name, _, count in asked} == {("MatchingNetwork", len(chosen.point))}
     # It saw nothing, so the points were looked for as without it.
-    plain = Run(session()).cameras()
-    for view, named in plain.points.items():
-        np.testing.assert_allclose([solution.points[view][p] for p in named], list(named.values()), atol=1e-9)
+    plain = Measurement(session()).cameras
+    np.testing.assert_allclose(solution.points["position"], plain.points["position"], atol=1e-9)
 
 
 def test_a_place_that_the_network_names_is_registered(session, matching, monkeypatch):
-    plain = Run(session()).cameras()
-    true = np.array(list(plain.points["right"].values()))
-    monkeypatch.setattr("vfm_sdm.point_transfer.locate_points", lambda *args: true + np.array([0.8, -0.6]))
-    found = Run(session(correspondence="vggt")).cameras()
-    np.testing.assert_allclose(list(found.points["right"].values()), true, atol=0.05)
+    plain = Measurement(session()).cameras
+    true = plain.points["position"].sel(view="right").values
+    monkeypatch.setattr("vfm_sdm.stages.matching.network.locate_points", lambda *args: true + np.array([0.8, -0.6]))
+    found = Measurement(session(correspondence="vggt")).cameras
+    np.testing.assert_allclose(found.points["position"].sel(view="right"), true, atol=0.05)
 
 
 @pytest.mark.parametrize("fields", [{"tracker": "vggt"}, {"tracker": "tapir+icgn"}, {"correspondence": "vggt"}])
@@ -109,11 +118,12 @@ def test_missing_weights_stop_before_any_work(session, fields, tmp_path):
 def test_another_weights_file_means_other_tracks(session, matching, tmp_path):
     folder = tmp_path / "run"
     measure(session(tracker="vggt+icgn"), folder)
-    again = Run(session(tracker="vggt+icgn"), folder)
-    again.tracks(again.cameras())
+    again = Measurement(session(tracker="vggt+icgn"), folder)
+    assert again.tracks
     assert again.reused == ["cameras", "tracking"]
     other = tmp_path / "other.safetensors"
     other.write_bytes(b"other")
-    changed = Run(session(tracker="vggt+icgn", network=Network(weights=str(other), device="cpu")), folder)
-    changed.tracks(changed.cameras())
+    network = Network(weights=str(other), device="cpu")
+    changed = Measurement(session(tracker="vggt+icgn", network=network), folder)
+    assert changed.tracks
     assert "tracking" not in changed.reused

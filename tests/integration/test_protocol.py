@@ -8,15 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vfm_sdm.core.products import Chain
 from vfm_sdm.errors import ResultsError
-from vfm_sdm.protocol import Case, run_benchmark
-from vfm_sdm.protocol.figures import save_protocol_figures
-from vfm_sdm.protocol.methods import MONOCULAR, OURS, WITHOUT_SGR, Method, comparisons, why_not
-from vfm_sdm.synthetic.field_test import demo_plan, make_field_test
-from vfm_sdm.synthetic.footbridge import FootbridgeSite
-from vfm_sdm.synthetic.motion import Mode
-from vfm_sdm.synthetic.plan import MountedAccelerometer, Recording
-from vfm_sdm.synthetic.sensors import Accelerometer
+from vfm_sdm.studies.protocol import Case, run_benchmark
+from vfm_sdm.studies.protocol.figures import save_protocol_figures
+from vfm_sdm.studies.protocol.methods import MONOCULAR, OURS, WITHOUT_SGR, Method, comparisons, why_not
+from vfm_sdm.studies.synthetic.field_test import demo_plan, make_field_test
+from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
+from vfm_sdm.studies.synthetic.motion import Mode
+from vfm_sdm.studies.synthetic.plan import MountedAccelerometer, Recording
+from vfm_sdm.studies.synthetic.sensors import Accelerometer
 
 OFFSET_S, SENSOR_S = 0.173, -1.3
 MONITORED = {"1/4 span": "acc-1", "1/2 span": "acc-2"}
@@ -60,7 +61,7 @@ def tiny_plan(name, size="small", *, width=512, duration_s=4.5):
 @pytest.fixture(scope="module", autouse=True)
 def _tiny():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vfm_sdm.protocol.benchmark.preset", tiny_plan)
+        patch.setattr("vfm_sdm.studies.protocol.benchmark.preset", tiny_plan)
         yield
 
 
@@ -90,13 +91,25 @@ def rows_of(folder, name):
 @pytest.fixture
 def refinement_only(monkeypatch):
     """Runs make the first comparison and no figures, which saves half of their time."""
-    monkeypatch.setattr("vfm_sdm.protocol.benchmark.comparisons", lambda: comparisons()[:1])
-    monkeypatch.setattr("vfm_sdm.protocol.benchmark.save_protocol_figures", lambda *_args: [])
+    monkeypatch.setattr("vfm_sdm.studies.protocol.benchmark.comparisons", lambda: comparisons()[:1])
+    monkeypatch.setattr("vfm_sdm.studies.protocol.benchmark.save_protocol_figures", lambda *_args: [])
     return [*COMPARISONS[:2], *(name for name in OTHERS if name != "cost")]
 
 
 def refuse(*_args, **_kwargs):
     raise AssertionError("a finished stage was run again")
+
+
+def refuse_making(monkeypatch, name):
+    """From here on a product may be read from a run folder and not be made; its key stays what it was."""
+    fetch = Chain._fetch
+
+    def refuse_it(chain, wanted):
+        found = fetch(chain, wanted)
+        assert wanted.name != name or not chain.made.get(name), f"{name} was made again"
+        return found
+
+    monkeypatch.setattr(Chain, "_fetch", refuse_it)
 
 
 def test_every_table_is_written_with_its_cases_mean_and_std(benchmark):
@@ -229,11 +242,10 @@ def test_the_summary_puts_the_means_beside_the_paper_s(benchmark):
 
 
 def test_a_second_run_does_nothing_again_and_writes_the_same_tables(benchmark, copy, monkeypatch):
-    for stage in ("vfm_sdm.measurement.solve_cameras", "vfm_sdm.measurement.track_views"):
-        monkeypatch.setattr(stage, refuse)
-    monkeypatch.setattr("vfm_sdm.synthetic.field_test.film_view", refuse)
-    monkeypatch.setattr("vfm_sdm.protocol.runs.TemplateTracker", refuse)
-    monkeypatch.setattr("vfm_sdm.protocol.benchmark.save_protocol_figures", lambda *_args: [])
+    for name in ("cameras", "tracks"):
+        refuse_making(monkeypatch, name)
+    monkeypatch.setattr("vfm_sdm.studies.synthetic.field_test.film_view", refuse)
+    monkeypatch.setattr("vfm_sdm.studies.protocol.benchmark.save_protocol_figures", lambda *_args: [])
     again = run_benchmark(copy, names=("data-2",), sensitivity=False)
     same = [*COMPARISONS, *(name for name in OTHERS if name != "cost")]
     assert tables_of(copy, same) == tables_of(benchmark.folder, same)
@@ -256,9 +268,9 @@ def test_a_killed_run_goes_on_and_gives_the_same_tables(benchmark, copy, refinem
         assert not (copy / "README.md").exists()
 
     kill_at("tracking right")
-    monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", refuse)
+    refuse_making(monkeypatch, "cameras")
     kill_at("data-2: with SGR")
-    monkeypatch.setattr("vfm_sdm.measurement.track_views", refuse)
+    refuse_making(monkeypatch, "tracks")
     resumed = run_benchmark(copy, names=("data-2",), sensitivity=False)
     # Costs are those of the two runs that were killed, not of reading what they left.
     assert all(row[5] > 100 for row in resumed.tables["cost"].rows[:2])
@@ -269,7 +281,7 @@ def test_a_killed_camera_is_filmed_again_and_the_finished_one_is_not(tmp_path, m
     plan = tiny_plan("data-2", width=160, duration_s=0.5)
     make_field_test(tmp_path / "whole", plan)
 
-    def kill(done, total):
+    def kill(what, done, total):
         if done > 0.75 * total:
             raise KeyboardInterrupt
 
@@ -277,13 +289,13 @@ def test_a_killed_camera_is_filmed_again_and_the_finished_one_is_not(tmp_path, m
         make_field_test(tmp_path / "killed", plan, progress=kill)
     assert not (tmp_path / "killed" / "session.toml").exists()
     filmed = []
-    from vfm_sdm.synthetic.film import film_view
+    from vfm_sdm.studies.synthetic.film import film_view
 
     def count(plan, scene, view):
         filmed.append(view)
         return film_view(plan, scene, view)
 
-    monkeypatch.setattr("vfm_sdm.synthetic.field_test.film_view", count)
+    monkeypatch.setattr("vfm_sdm.studies.synthetic.field_test.film_view", count)
     make_field_test(tmp_path / "killed", plan)
     assert filmed == [1]
     for path in (tmp_path / "whole").iterdir():
@@ -298,7 +310,7 @@ def test_a_field_test_outside_the_assumptions_is_no_result(benchmark, copy, refi
     for part in ("field_tests", "runs"):
         shutil.copytree(copy / part / "data-2-small", copy / part / "data-4-small")
     monkeypatch.setattr(
-        "vfm_sdm.protocol.benchmark.save_protocol_figures",
+        "vfm_sdm.studies.protocol.benchmark.save_protocol_figures",
         lambda folder, results, rows: save_protocol_figures(folder, {"data-4": results["data-4"]}, rows),
     )
     both = run_benchmark(copy, names=("data-2", "data-4"), sensitivity=False)

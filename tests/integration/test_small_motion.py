@@ -11,8 +11,8 @@ import pytest
 
 from moving_frames import memory_video
 from small_motion import AMPLITUDES_PX, KINDS, POINT, measure_gain, motion, pictures
-from vfm_sdm.session import Network
-from vfm_sdm.tracking.base import find_tracker
+from vfm_sdm.inputs.session import Network
+from vfm_sdm.stages.tracking.base import find_tracker
 
 FOLDER = "VFM_SDM_TEST_WEIGHTS"
 CASES = [

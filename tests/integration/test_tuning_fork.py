@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vfm_sdm.datasets import Status
-from vfm_sdm.tracking.icgn import IcgnTracker
-from vfm_sdm.video import open_video
+from vfm_sdm.core.datasets import Status
+from vfm_sdm.inputs.video import open_video
+from vfm_sdm.stages.tracking.icgn import IcgnTracker
 
 CLIPS = [
     # file, true frame rate (in the file's name; the container says 50), nominal frequency, a weight on a tine

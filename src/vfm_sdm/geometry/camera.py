@@ -7,10 +7,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
+from vfm_sdm.geometry.distortion import distort, squared_fold_radius, undistort
 
-__all__ = ["CAMERA_PARAMETERS", "Camera", "Rig", "distort", "distort_derivative", "undistort"]
+__all__ = ["CAMERA_PARAMETERS", "Camera", "Rig"]
 
 CAMERA_PARAMETERS = ("log_focal", "cx", "cy", "k1", "rx", "ry", "rz", "tx", "ty", "tz")
 """The parameters of one camera that carry uncertainty, in the order of a rig's covariance.
@@ -19,10 +20,6 @@ CAMERA_PARAMETERS = ("log_focal", "cx", "cy", "k1", "rx", "ry", "rz", "tx", "ty"
 coefficient [1]; ``rx, ry, rz`` rotate the camera, a rotation vector in the camera's own frame [rad];
 ``tx, ty, tz`` shift the translation of ``cam_from_world`` [length unit of the rig].
 """
-
-_UNDISTORT_ITERATIONS = 20
-_NO_DISTORTION = 1e-12
-"""Coefficients below this move no pixel; their polynomial's roots would overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +44,16 @@ class Camera:
         size, there are more than five distortion coefficients, or a value is not finite.
     DatasetError
         A shape is wrong.
+
+    Notes
+    -----
+    A world point X is seen at ``u = K d((R X + t) / z)`` with the depth z of ``R X + t`` and the distortion d (Eq. 1 of
+    the paper; d is the identity there).
+
+    References
+    ----------
+    .. [1] Brown, D. C. (1971). Close-range camera calibration. Photogrammetric Engineering 37(8), 855-866.
+    .. [2] Hartley, R., Zisserman, A. (2004). Multiple View Geometry in Computer Vision, 2nd edition, chapters 6 and 7.
     """
 
     K: FloatArray
@@ -90,17 +97,17 @@ class Camera:
 
     @property
     def rotation(self) -> FloatArray:
-        """Rotation part R of ``cam_from_world``, shape (3, 3)."""
+        """Rotation R of ``cam_from_world``, shape (3, 3), from the world frame to the camera's axes [1]."""
         return self.cam_from_world[:, :3]
 
     @property
     def translation(self) -> FloatArray:
-        """Translation part t of ``cam_from_world``, shape (3,)."""
+        """Translation t of ``cam_from_world`` in the camera's axes, shape (3,) [length unit of the rig]."""
         return self.cam_from_world[:, 3]
 
     @property
     def center(self) -> FloatArray:
-        """Optical centre C = -R^T t in the world frame, shape (3,)."""
+        """Optical centre ``C = -R^T t`` in the world frame, shape (3,) [length unit of the rig]."""
         return -self.rotation.T @ self.translation
 
     @property
@@ -109,30 +116,107 @@ class Camera:
         return float(np.sqrt(self.K[0, 0] * self.K[1, 1]))
 
     def project(self, points3d: npt.ArrayLike) -> FloatArray:
-        """Pixels of world points, shape (..., 3) to (..., 2) (Eq. 1).
+        """Pixels of world points (Eq. 1).
 
-        NaN for points behind the camera, and for points so far off the axis that the distortion polynomial folds.
+        Parameters
+        ----------
+        points3d
+            World frame, shape (..., 3) [length unit of the rig].
+
+        Returns
+        -------
+        points2d
+            Full-image pixels, shape (..., 2) [px]. NaN for points behind the camera, and for points so far off the axis
+            that the distortion polynomial folds.
+
+        Raises
+        ------
+        DatasetError
+            The points have another shape.
+
+        Examples
+        --------
+        >>> camera = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+        >>> camera.project([[0.1, 0.0, 2.0], [0.0, 0.0, -2.0]]).tolist()
+        [[370.0, 240.0], [nan, nan]]
         """
         X = as_float_array(points3d, "points3d", (-1, 3))
         in_camera = X @ self.rotation.T + self.translation
         depth = np.where(in_camera[..., 2:] > 0, in_camera[..., 2:], np.nan)
         normalized = in_camera[..., :2] / depth
-        inside = (normalized**2).sum(axis=-1, keepdims=True) < _fold_radius2(self.distortion)
+        inside = (normalized**2).sum(axis=-1, keepdims=True) < squared_fold_radius(self.distortion)
         return self.pixels(distort(np.where(inside, normalized, np.nan), self.distortion))
 
     def pixels(self, distorted: FloatArray) -> FloatArray:
-        """Pixels of distorted normalised coordinates, shape (..., 2) to (..., 2)."""
+        """Pixels of normalised coordinates that hold the distortion already.
+
+        Parameters
+        ----------
+        distorted
+            Distorted coordinates (x/z, y/z) in the camera's axes, shape (..., 2) [1].
+
+        Returns
+        -------
+        points2d
+            Full-image pixels, shape (..., 2) [px].
+
+        Examples
+        --------
+        >>> camera = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+        >>> camera.pixels(np.array([0.05, 0.0])).tolist()
+        [370.0, 240.0]
+        """
         return distorted @ self.K[:2, :2].T + self.K[:2, 2]
 
     def normalize(self, points2d: npt.ArrayLike) -> FloatArray:
-        """Undistorted normalised coordinates (x/z, y/z) of pixels, shape (..., 2) to (..., 2)."""
+        """Undistorted normalised coordinates of pixels: the inverse of `project`, up to the depth.
+
+        Parameters
+        ----------
+        points2d
+            Full-image pixels, shape (..., 2) [px].
+
+        Returns
+        -------
+        normalized
+            Coordinates (x/z, y/z) in the camera's axes, shape (..., 2) [1]; NaN where the distortion has no inverse.
+
+        Raises
+        ------
+        DatasetError
+            The points have another shape.
+
+        Examples
+        --------
+        >>> camera = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+        >>> camera.normalize([370.0, 240.0]).round(4).tolist()
+        [0.05, 0.0]
+        """
         u = as_float_array(points2d, "points2d", (-1, 2))
         y = (u[..., 1] - self.K[1, 2]) / self.K[1, 1]
         x = (u[..., 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0]
         return undistort(np.stack([x, y], axis=-1), self.distortion)
 
     def perturbed(self, delta: npt.ArrayLike) -> "Camera":
-        """The camera with its uncertain parameters changed by ``delta``, ordered as `CAMERA_PARAMETERS`."""
+        """The camera with its uncertain parameters changed by a small step.
+
+        Parameters
+        ----------
+        delta
+            Change of every one of `CAMERA_PARAMETERS`, in their order and units, shape (10,).
+
+        Raises
+        ------
+        DatasetError
+            The step has another shape.
+
+        Examples
+        --------
+        >>> camera = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+        >>> longer = camera.perturbed([np.log(1.01), 0, 0, 0, 0, 0, 0, 0, 0, 0])
+        >>> round(longer.focal_px, 6)
+        1010.0
+        """
         step = as_float_array(delta, "delta", (len(CAMERA_PARAMETERS),))
         K = self.K.copy()
         K[:2, :2] *= np.exp(step[0])
@@ -157,13 +241,23 @@ class Rig:
     metric
         Whether lengths are metres; otherwise they are known up to one common factor.
     covariance
-        Covariance of all uncertain parameters, shape (10 V, 10 V), camera by camera in the order of
-        `CAMERA_PARAMETERS`; ``None`` when nothing is known about it.
+        Covariance of all uncertain parameters of the V cameras, shape (10 V, 10 V), camera by camera in the order
+        and units of `CAMERA_PARAMETERS`; ``None`` when nothing is known about it.
 
     Raises
     ------
     CameraError
         Names and cameras differ in number, names repeat, or the covariance has another shape.
+
+    Examples
+    --------
+    >>> left = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+    >>> right = Camera(left.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right))
+    >>> rig.baseline()
+    2.0
+    >>> rig.scaled(3.0 / rig.baseline()).cameras[1].center.tolist()
+    [3.0, 0.0, 0.0]
     """
 
     names: tuple[str, ...]
@@ -187,6 +281,11 @@ class Rig:
     def camera(self, name: str) -> Camera:
         """The camera of the named view.
 
+        Parameters
+        ----------
+        name
+            Name of the view.
+
         Raises
         ------
         CameraError
@@ -197,11 +296,44 @@ class Rig:
         return self.cameras[self.names.index(name)]
 
     def baseline(self, first: int = 0, second: int = 1) -> float:
-        """Distance between two optical centres, in the rig's length unit."""
+        """Distance between the optical centres of two views [length unit of the rig].
+
+        Parameters
+        ----------
+        first, second
+            Positions of the views in ``names``.
+
+        Examples
+        --------
+        >>> left = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+        >>> right = Camera(left.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 0]]))
+        >>> Rig(("left", "right"), (left, right)).baseline()
+        2.0
+        """
         return float(np.linalg.norm(self.cameras[first].center - self.cameras[second].center))
 
     def scaled(self, factor: float, *, metric: bool = True) -> "Rig":
-        """The rig with all lengths multiplied by ``factor`` (s = B_true / B_est; section Triangulation)."""
+        """The rig with all lengths multiplied by one factor.
+
+        Parameters
+        ----------
+        factor
+            Measured length over the same length in the rig [1]: s = B_true / B_est (paper, section Triangulation).
+        metric
+            Whether the lengths of the result are metres.
+
+        Notes
+        -----
+        The covariance is scaled along: variances of translations by the square of the factor.
+
+        Examples
+        --------
+        >>> left = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+        >>> right = Camera(left.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 0]]))
+        >>> rig = Rig(("left", "right"), (left, right))
+        >>> rig.scaled(3.0 / rig.baseline()).baseline()
+        3.0
+        """
         cameras = tuple(
             replace(c, cam_from_world=np.column_stack([c.rotation, factor * c.translation])) for c in self.cameras
         )
@@ -212,7 +344,18 @@ class Rig:
         return Rig(self.names, cameras, metric, covariance)
 
     def perturbed(self, delta: npt.ArrayLike) -> "Rig":
-        """The rig with its uncertain parameters changed by ``delta``, shape (10 V,)."""
+        """The rig with the uncertain parameters of all cameras changed by a small step.
+
+        Parameters
+        ----------
+        delta
+            Change of every one of `CAMERA_PARAMETERS`, camera by camera, in their order and units, shape (10 V,).
+
+        Raises
+        ------
+        DatasetError
+            The step has another shape.
+        """
         size = len(CAMERA_PARAMETERS)
         steps = as_float_array(delta, "delta", (size * len(self),)).reshape(len(self), size)
         cameras = tuple(c.perturbed(step) for c, step in zip(self.cameras, steps, strict=True))
@@ -220,80 +363,38 @@ class Rig:
 
     @classmethod
     def from_world(cls, names: Sequence[str], cameras: Sequence[Camera], *, metric: bool) -> "Rig":
-        """A rig from cameras in any common world frame, moved so that the first camera is the origin."""
+        """A rig from cameras in any common world frame, moved so that the first camera is the origin.
+
+        Parameters
+        ----------
+        names
+            View names, in the order of ``cameras``.
+        cameras
+            At least one camera.
+        metric
+            Whether lengths are metres.
+
+        Raises
+        ------
+        CameraError
+            Names and cameras differ in number, or names repeat.
+
+        Notes
+        -----
+        ``R' = R R1^T`` and ``t' = t - R' t1``, with R1 and t1 of the first camera.
+
+        Examples
+        --------
+        >>> left = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+        >>> right = Camera(left.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 0]]))
+        >>> rig = Rig.from_world(["right", "left"], [right, left], metric=True)
+        >>> rig.cameras[1].center.tolist()
+        [-2.0, 0.0, 0.0]
+        """
         first = cameras[0]
         moved = []
         for c in cameras:
+            # Products of matrices leave a rig that begins at the origin as it is, to the last digit.
             R = c.rotation @ first.rotation.T
             moved.append(replace(c, cam_from_world=np.column_stack([R, c.translation - R @ first.translation])))
         return cls(tuple(names), tuple(moved), metric)
-
-
-def distort(normalized: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Distorted normalised coordinates, shape (..., 2) to (..., 2), with k1, k2, p1, p2, k3."""
-    k1, k2, p1, p2, k3 = coefficients
-    x, y = normalized[..., 0], normalized[..., 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=-1,
-    )
-
-
-def distort_derivative(normalized: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Derivative of `distort` by the undistorted coordinates, shape (..., 2) to (..., 2, 2); it is symmetric."""
-    k1, k2, p1, p2, k3 = coefficients
-    x, y = normalized[..., 0], normalized[..., 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + 3 * k3 * r2))
-    xx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
-    xy = slope * x * y + 2 * p1 * x + 2 * p2 * y
-    yy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
-    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
-
-
-def undistort(distorted: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Inverse of `distort` by Newton's method, shape (..., 2) to (..., 2).
-
-    NaN where no solution is found (outside the field that the coefficients describe).
-    """
-    if not np.any(coefficients):
-        return distorted.copy()
-    point = distorted.copy()
-    for _ in range(_UNDISTORT_ITERATIONS):
-        error = distort(point, coefficients) - distorted
-        slope = distort_derivative(point, coefficients)
-        jxx, jxy, jyy = slope[..., 0, 0], slope[..., 0, 1], slope[..., 1, 1]
-        determinant = jxx * jyy - jxy * jxy
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.stack(
-                [
-                    (jyy * error[..., 0] - jxy * error[..., 1]) / determinant,
-                    (jxx * error[..., 1] - jxy * error[..., 0]) / determinant,
-                ],
-                axis=-1,
-            )
-        point = point - step
-        if np.nanmax(np.abs(step), initial=0.0) < 1e-13:
-            break
-    # Beyond the fold the polynomial turns back, and Newton may land on a mirrored branch that fits equally well.
-    on_first_branch = (point**2).sum(axis=-1) < _fold_radius2(coefficients)
-    converged = np.abs(distort(point, coefficients) - distorted).max(axis=-1) < 1e-9
-    return np.where((on_first_branch & converged)[..., None], point, np.nan)
-
-
-def _fold_radius2(coefficients: FloatArray) -> float:
-    """Squared normalised radius at which the radial polynomial stops to grow; infinite where it never does."""
-    k1, k2, _, _, k3 = coefficients
-    slopes = np.array([7 * k3, 5 * k2, 3 * k1, 1.0])  # d/dr of r (1 + k1 r^2 + k2 r^4 + k3 r^6), in r^2
-    slopes[np.abs(slopes) < _NO_DISTORTION] = 0.0
-    if not slopes[:3].any():
-        return np.inf
-    roots = np.roots(slopes)
-    folds = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
-    return float(folds.min(initial=np.inf))

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.triangulation import triangulate
 
@@ -20,18 +20,23 @@ _PIXEL_STEP = 0.5
 _PARAMETER_STEP = np.array([1e-4, 0.1, 0.1, 1e-4, 1e-4, 1e-4, 1e-4])
 
 
-def triangulation_jacobian(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
+def triangulation_jacobian(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | None = None) -> FloatArray:
     """Change of triangulated positions with the pixels that they come from.
 
     Parameters
     ----------
     points2d
-        Shape (V, P, 2) [px].
+        Shape (V, P, 2) [px]; NaN where one of more than two views does not see a point.
+    rig
+        V cameras.
+    weights
+        Factors of the equations of each view, shape (V, P) [1], see `triangulate`.
 
     Returns
     -------
     jacobian
-        Shape (P, 3, V, 2) [length unit of the rig per px], first camera's frame; central differences.
+        Shape (P, 3, V, 2) [length unit of the rig per px], first camera's frame; central differences. Zero for a view
+        that does not see a point.
     """
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
     jacobian = np.empty((u.shape[1], 3, len(rig), 2))
@@ -39,7 +44,7 @@ def triangulation_jacobian(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
         for axis in range(2):
             step = np.zeros_like(u)
             step[view, :, axis] = _PIXEL_STEP
-            difference = triangulate(u + step, rig) - triangulate(u - step, rig)
+            difference = triangulate(u + step, rig, weights=weights) - triangulate(u - step, rig, weights=weights)
             jacobian[:, :, view, axis] = difference / (2 * _PIXEL_STEP)
     return jacobian
 
@@ -63,7 +68,7 @@ def compute_position_covariance(jacobian: FloatArray, pixel_covariance: npt.Arra
     return np.asarray(np.einsum("pivk,vtpkl,pjvl->tpij", jacobian, covariance, jacobian, optimize=True))
 
 
-def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
+def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | None = None) -> FloatArray:
     """Change of the displacement gain matrix with every camera parameter.
 
     A true small displacement ``d`` moves the pixels by ``P d``; with wrong camera parameters it is measured as
@@ -71,8 +76,8 @@ def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
 
     Parameters
     ----------
-    points2d
-        Shape (V, P, 2) [px].
+    points2d, rig, weights
+        As in `triangulation_jacobian`.
 
     Returns
     -------
@@ -81,7 +86,10 @@ def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
     """
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
     points = u.shape[1]
-    projection = _projection_jacobian(triangulate(u, rig), rig)
+    projection = _projection_jacobian(triangulate(u, rig, weights=weights), rig)
+    if len(rig) > 2:  # a view that does not see a point says nothing, even where the point lies behind it
+        seen = np.asarray(np.isfinite(u).all(axis=-1))
+        projection = np.where(seen.T[:, :, None, None], projection, 0.0)
     size = len(CAMERA_PARAMETERS)
     lengths = np.full(3, 1e-4 * max(rig.baseline(), 1e-12))
     steps = np.tile(np.concatenate([_PARAMETER_STEP, lengths]), len(rig))
@@ -89,7 +97,8 @@ def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
     for index, step in enumerate(steps):
         delta = np.zeros(size * len(rig))
         delta[index] = step
-        change = triangulation_jacobian(u, rig.perturbed(delta)) - triangulation_jacobian(u, rig.perturbed(-delta))
+        ahead, back = (triangulation_jacobian(u, rig.perturbed(sign * delta), weights=weights) for sign in (1, -1))
+        change = ahead - back
         sensitivity[:, index] = np.einsum("pivk,pvkj->pij", change / (2 * step), projection)
     return sensitivity
 

@@ -1,24 +1,29 @@
-"""Some views of a rig, with another one as the reference."""
+"""A rig made of some views of another one, with another view as the reference."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from vfm_sdm.arrays import FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 
 __all__ = ["select_views"]
 
 
 def select_views(rig: Rig, names: Sequence[str]) -> Rig:
-    """The named views of a rig, the first of them the reference, with the covariance carried over.
+    """The named views of a rig, the first of them the reference view, with the covariance carried over.
 
     Parameters
     ----------
     rig
-        Its poses may be given in any frame.
+        V cameras; their poses may be given in any frame.
     names
         Views to keep, in the new order.
+
+    Returns
+    -------
+    rig
+        The W named cameras; its covariance has the shape (10 W, 10 W) and the units of
+        `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, lengths in those of ``rig``.
 
     Raises
     ------
@@ -29,6 +34,15 @@ def select_views(rig: Rig, names: Sequence[str]) -> Rig:
     -----
     With the new reference f, ``R' = R Rf^T`` and ``t' = t - R' tf``. The covariance goes through the derivative of
     these at zero rotation vectors; the new reference has no uncertainty of pose.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+    >>> right = Camera(left.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> swapped = select_views(Rig(("left", "right"), (left, right)), ["right", "left"])
+    >>> swapped.names, swapped.cameras[1].center.tolist()
+    (('right', 'left'), [-2.0, 0.0, 0.0])
     """
     moved = Rig.from_world(names, [rig.camera(name) for name in names], metric=rig.metric)
     if rig.covariance is None:
@@ -42,7 +56,7 @@ def select_views(rig: Rig, names: Sequence[str]) -> Rig:
         if new == 0:
             continue
         R = moved.cameras[new].rotation
-        arm = _cross_matrix(R @ reference.translation)
+        arm = np.cross(np.eye(3), R @ reference.translation)  # arm @ w is the cross product of this vector and w
         J[new, 4:7, index, 4:7] = np.eye(3)
         J[new, 4:7, old[0], 4:7] = -R
         J[new, 7:, index, 4:7] = arm
@@ -51,8 +65,3 @@ def select_views(rig: Rig, names: Sequence[str]) -> Rig:
         J[new, 7:, old[0], 7:] = -R
     flat = J.reshape(size * len(names), size * len(rig))
     return Rig(moved.names, moved.cameras, moved.metric, flat @ rig.covariance @ flat.T)
-
-
-def _cross_matrix(vector: FloatArray) -> FloatArray:
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

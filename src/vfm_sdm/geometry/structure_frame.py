@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
 
 __all__ = ["StructureFrame", "compute_view_angle", "structure_from_cam1"]
@@ -23,6 +23,13 @@ class StructureFrame:
         the reference camera.
     covariance
         Covariance of a small rotation vector in the structure's frame, shape (3, 3) [rad2].
+
+    Raises
+    ------
+    CameraError
+        ``rotation`` is not a rotation.
+    DatasetError
+        A shape is wrong.
     """
 
     rotation: FloatArray
@@ -54,6 +61,11 @@ def compute_view_angle(perpendicular_m: float, longitudinal_m: float) -> float:
     Notes
     -----
     The two distances are the legs of a right triangle whose hypotenuse is the optical axis seen from above.
+
+    Examples
+    --------
+    >>> round(float(np.degrees(compute_view_angle(10.0, 10.0))), 6)
+    45.0
     """
     if not (perpendicular_m > 0 and longitudinal_m >= 0):
         raise CameraError(
@@ -70,7 +82,7 @@ def structure_from_cam1(
     roll_rad: float = 0.0,
     side: Literal["right", "left"] = "right",
 ) -> FloatArray:
-    """Rotation from the reference camera's frame to the structure's axes, shape (3, 3).
+    """Rotation from the reference camera's frame to the structure's axes.
 
     Parameters
     ----------
@@ -83,10 +95,22 @@ def structure_from_cam1(
     side
         On which side of the camera the structure's face lies for an observer who looks along the structure.
 
+    Returns
+    -------
+    structure_from_cam1
+        Shape (3, 3) [1]. Its rows are the axes in the camera's frame: lateral (horizontal, away from the camera),
+        vertical (down), longitudinal.
+
     Notes
     -----
-    Rows: lateral (horizontal, away from the camera), vertical (down), longitudinal. The axes are right-handed, so the
-    longitudinal axis points away from the camera when the structure is on its right, and towards it on its left.
+    The axes are right-handed, so the longitudinal axis points away from the camera when the structure is on its
+    right, and towards it on its left.
+
+    Examples
+    --------
+    >>> rotation = structure_from_cam1(np.pi / 2)
+    >>> rotation.round(6).tolist()[0]
+    [0.0, 0.0, 1.0]
     """
     # Columns of level_from_cam are the camera's axes seen in the level frame (x right, y down, z forward).
     level_from_cam = Rotation.from_euler("x", pitch_rad).as_matrix() @ Rotation.from_euler("z", roll_rad).as_matrix()

@@ -1,16 +1,20 @@
 """Triangulation of points seen by two or more cameras (section Triangulation of the paper)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.arrays import BoolArray, FloatArray, IntArray, as_float_array
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.geometry.camera import Camera, Rig, distort_derivative
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.geometry.distortion import distort_derivative
 
 __all__ = [
     "compute_reprojection_error",
     "in_front_of_all",
     "sampson_error",
+    "stack_equations",
     "triangulate",
     "triangulate_with_slope",
     "view_equations",
@@ -27,21 +31,24 @@ _ROUNDING = 1e-26
 _Factors = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
 
-def triangulate(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
-    """Points in space from their pixels in every view, by the linear method.
+def triangulate(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | None = None) -> FloatArray:
+    """Points in space from their pixels in the views that see them, by the linear method.
 
     Parameters
     ----------
     points2d
-        Shape (V, ..., 2) [px]: one entry a camera of the rig, distorted full-image pixels.
+        Shape (V, ..., 2) [px]: one entry a camera of the rig, distorted full-image pixels; NaN where a view does not
+        see a point.
     rig
         V >= 2 cameras.
+    weights
+        Factors of the equations of each view, broadcast to shape (V, ...) [1]; 1 without.
 
     Returns
     -------
     points3d
-        Shape (..., 3), in the frame of the rig's first camera and the rig's length unit; NaN where a pixel is NaN
-        in any view, or where the rays are parallel.
+        Shape (..., 3), in the frame of the rig's first camera and the rig's length unit; NaN where fewer than two views
+        have a pixel, or where the rays are parallel.
 
     Raises
     ------
@@ -60,7 +67,10 @@ def triangulate(points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
             "cameras; stack the views along the first axis"
         )
     equations = [view_equations(c, c.normalize(p.reshape(-1, 2))) for c, p in zip(rig.cameras, u, strict=True)]
-    points3d = _solve_equations(np.concatenate(equations))[0]
+    if weights is not None:
+        factors = np.broadcast_to(np.asarray(weights, np.float64), u.shape[:-1]).reshape(len(rig), -1)
+        equations = [factor * of_view for factor, of_view in zip(factors, equations, strict=True)]
+    points3d = _solve_equations(stack_equations(equations))[0]
     return np.ascontiguousarray(points3d.T).reshape(*u.shape[1:-1], 3)
 
 
@@ -92,26 +102,49 @@ def view_equations(camera: Camera, normalized: FloatArray) -> FloatArray:
     return equations
 
 
+def stack_equations(equations: Sequence[FloatArray]) -> FloatArray:
+    """The equations (2, 4, N) of every view as one system (2 V, 4, N), without those of views that miss a point.
+
+    Of more than two views, those whose equations are NaN count for nothing, and a point is NaN where fewer than two are
+    left: equations of zeros leave the solution to the others, so that one solve serves points that different views see.
+    """
+    A = np.concatenate(equations)
+    if len(equations) < 3:
+        return A
+    seen = np.isfinite(A).all(axis=1).reshape(len(equations), 2, -1).all(axis=1)
+    if not seen.all():
+        A = np.where(np.repeat(seen, 2, axis=0)[:, None], A, 0.0)
+        A[:, :, seen.sum(axis=0) < 2] = np.nan
+    return A
+
+
 def triangulate_with_slope(
-    equations: tuple[FloatArray, FloatArray], camera: Camera, normalized: FloatArray, *, view: int
+    equations: Sequence[FloatArray],
+    camera: Camera,
+    normalized: FloatArray,
+    *,
+    view: int,
+    weights: FloatArray | float = 1.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Points seen by two cameras, and how they move with the pixel coordinate u of one of them.
+    """Points in space, and how they move with the pixel coordinate u of one of the views.
 
     Parameters
     ----------
     equations
-        Of `view_equations`, of both views.
+        Of `view_equations`, one entry a view, times their weights.
     camera, normalized
         The view whose u moves: its camera, and its undistorted normalised coordinates, shape (N, 2).
     view
         Its index.
+    weights
+        Factors of its equations, a scalar or shape (N,) [1].
 
     Returns
     -------
     points3d
         Shape (3, N), as `triangulate` finds them.
     slope
-        Shape (3, N) [length unit a px]; NaN where the rays are nearly parallel.
+        Shape (3, N) [length unit a px]; NaN where the rays are nearly parallel, or this view does not see the point.
 
     Notes
     -----
@@ -119,16 +152,18 @@ def triangulate_with_slope(
     ``(M - s I) X' = s' X - (A'^T A x + A^T A' x)``, where ``s' = 2 (A x)^T (A' x) / x^T x``. Of A only the two rows of
     the view change, each by a multiple of the third row of its pose.
     """
-    A = np.concatenate(equations)
+    A = stack_equations(equations)
     X, residual, factors, doubtful = _solve_equations(A)
     axis = camera.cam_from_world[2]
-    rate_u, rate_v = _equation_rates(camera, normalized)
+    rate_u, rate_v = (weights * rate for rate in _equation_rates(camera, normalized))
     row = A[2 * view : 2 * view + 2, :3]
     depth = axis[:3] @ X + axis[3]
     push = rate_u * residual[2 * view] + rate_v * residual[2 * view + 1]
     change = depth * (rate_u * row[0] + rate_v * row[1]) + push * axis[:3, None]
     slope = _solve(factors, 2 * depth * push / (1 + np.einsum("in,in->n", X, X)) * X - change)
     slope[:, doubtful] = np.nan
+    if len(equations) > 2:
+        slope[:, np.isnan(normalized).any(axis=1)] = np.nan
     return X, slope
 
 
@@ -229,30 +264,49 @@ def _solve_by_svd(A: FloatArray) -> FloatArray:
 
 
 def compute_reprojection_error(points3d: npt.ArrayLike, points2d: npt.ArrayLike, rig: Rig) -> FloatArray:
-    """Root mean square over the views of the distance between seen and reprojected pixel.
+    """Root mean square, over the views that see a point, of the distance between seen and reprojected pixel.
 
     Parameters
     ----------
     points3d
         Shape (..., 3), first camera's frame.
     points2d
-        Shape (V, ..., 2) [px].
+        Shape (V, ..., 2) [px]; NaN where a view does not see a point.
 
     Returns
     -------
     reprojection_error
-        Shape (...) [px]; NaN where a point is NaN or behind a camera.
+        Shape (...) [px]; NaN where a point is NaN, behind a camera that sees it, or seen by none.
     """
     u = as_float_array(points2d, "points2d", (-1, 2))
-    squares = [np.sum((c.project(points3d) - seen) ** 2, axis=-1) for c, seen in zip(rig.cameras, u, strict=True)]
-    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+    seen = np.isfinite(u).all(axis=-1)
+    squares = np.stack([np.sum((c.project(points3d) - p) ** 2, axis=-1) for c, p in zip(rig.cameras, u, strict=True)])
+    total, count = np.where(seen, squares, 0.0).sum(axis=0), seen.sum(axis=0)
+    return np.asarray(np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan)))
 
 
-def in_front_of_all(points3d: npt.ArrayLike, rig: Rig) -> BoolArray:
-    """Whether points lie in front of every camera (cheirality), shape (..., 3) to (...); False for NaN."""
+def in_front_of_all(points3d: npt.ArrayLike, rig: Rig, *, seen: BoolArray | None = None) -> BoolArray:
+    """Whether points lie in front of every camera that sees them (cheirality).
+
+    Parameters
+    ----------
+    points3d
+        Shape (..., 3), first camera's frame.
+    rig
+        V cameras.
+    seen
+        Which of them see a point, shape (V, ...); all without.
+
+    Returns
+    -------
+    in_front
+        Shape (...); False for NaN.
+    """
     X = as_float_array(points3d, "points3d", (-1, 3))
     depths = np.stack([X @ c.rotation[2] + c.translation[2] for c in rig.cameras])
-    return np.asarray((depths > 0).all(axis=0))
+    if seen is None:
+        return np.asarray((depths > 0).all(axis=0))
+    return np.asarray(((depths > 0) | ~seen).all(axis=0) & np.isfinite(X).all(axis=-1))
 
 
 def sampson_error(

@@ -1,10 +1,10 @@
 """Which back ends can run here: the packages and weights each needs, and what to do where one is missing."""
 
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
 
+from vfm_sdm.core.parts import KINDS, Kind, Needs
+from vfm_sdm.core.registry import parts_of
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import (
@@ -15,40 +15,9 @@ from vfm_sdm.networks.weights import (
     weights_folder,
 )
 
-__all__ = ["BACKEND_NEEDS", "Kind", "Needs", "choose_weights", "default_checkpoint", "require_torch", "why_unavailable"]
-
-Kind = Literal["tracker", "cameras"]
+__all__ = ["choose_weights", "default_checkpoint", "require_torch", "why_unavailable"]
 
 _TITLES = {"torch": "PyTorch"}
-
-
-@dataclass(frozen=True)
-class Needs:
-    """What a back end needs beyond the core.
-
-    Parameters
-    ----------
-    extra
-        Of this package, which brings the packages.
-    packages
-        Names to import.
-    checkpoints
-        Registered weights that it can run with as it is set by default, the preferred one first; any of them will do.
-    """
-
-    extra: str
-    packages: tuple[str, ...]
-    checkpoints: tuple[str, ...] = ()
-
-
-_VGGT = Needs("vfm", ("torch", "safetensors"), ("vggt-1b", "vggt-1b-commercial"))
-_TAPIR = Needs("vfm", ("torch",), ("bootstapir",))
-
-BACKEND_NEEDS: dict[Kind, dict[str, Needs]] = {
-    "tracker": {"vggt": _VGGT, "tapir": _TAPIR},
-    "cameras": {"vggt": _VGGT, "sfm": Needs("sfm", ("pycolmap",))},
-}
-"""Needs by the word of ``[method]`` and the name; whatever is not named here needs the core only."""
 
 
 def why_unavailable(kind: Kind, name: str) -> str | None:
@@ -56,14 +25,12 @@ def why_unavailable(kind: Kind, name: str) -> str | None:
 
     Parameters
     ----------
-    kind
-        Word of ``[method]`` in a session.
-    name
+    kind, name
         Of the back end; of a combination such as ``vggt+icgn`` every part has to run.
 
     Notes
     -----
-    Imports nothing and reads no weights, so that a list of all back ends costs nothing.
+    Imports nothing of this package and reads no weights, so that a list of all back ends costs nothing.
     """
     for needs in _needs(kind, name):
         for package in needs.packages:
@@ -116,7 +83,7 @@ def default_checkpoint(kind: Kind, name: str) -> str:
     known = [checkpoint for needs in _needs(kind, name) for checkpoint in needs.checkpoints]
     if not known:
         raise BackendUnavailableError(
-            f"{kind}: expected a back end with weights, got {name!r}; it runs without, name none"
+            f"{KINDS[kind].word}: expected a back end with weights, got {name!r}; it runs without, name none"
         )
     return next((checkpoint for checkpoint in known if local_weights(checkpoint).is_file()), known[0])
 
@@ -139,9 +106,10 @@ def require_torch(user: str) -> None:
 
 
 def _needs(kind: Kind, name: str) -> list[Needs]:
-    """Those of every part of a combination; none where only the core is needed."""
-    return [BACKEND_NEEDS[kind][part] for part in name.split("+") if part in BACKEND_NEEDS[kind]]
+    """Those of a back end and of every part that it is made of; none where only the core is needed."""
+    return [part.needs for part in parts_of(kind, name).values() if part.needs is not None]
 
 
 def _no_package(package: str, extra: str) -> str:
-    return f"expected {_TITLES.get(package, package)}, got none; pip install 'vfm-sdm[{extra}]'"
+    wanted = f"'vfm-sdm[{extra}]'" if extra else package
+    return f"expected {_TITLES.get(package, package)}, got none; pip install {wanted}"

@@ -19,7 +19,7 @@ class Checkpoint:
     Parameters
     ----------
     name
-        As in commands and sessions.
+        Name in commands and sessions.
     network
         Architecture that loads it.
     source
@@ -31,11 +31,16 @@ class Checkpoint:
     licence
         Short name of the licence of these weights; that of the published code may be another one.
     licence_url
-        Where it can be read.
+        Address where the licence can be read.
     gated
         The publisher gives access only after its terms were accepted on the model's page.
     remarks
         What a user has to know before choosing it.
+
+    Examples
+    --------
+    >>> CHECKPOINTS["bootstapir"].size
+    '219 MB'
     """
 
     name: str
@@ -50,7 +55,7 @@ class Checkpoint:
 
     @property
     def on_hub(self) -> bool:
-        """It lies in a repository on Hugging Face."""
+        """Whether it lies in a repository on Hugging Face."""
         return not self.source.startswith("https://")
 
     @property
@@ -60,7 +65,7 @@ class Checkpoint:
 
     @property
     def size(self) -> str:
-        """For people, such as ``5.03 GB`` or ``219 MB``."""
+        """Size as people read it, such as ``5.03 GB`` or ``219 MB``."""
         return f"{self.size_bytes / 1e9:.2f} GB" if self.size_bytes >= 1e9 else f"{self.size_bytes / 1e6:.0f} MB"
 
 

@@ -21,7 +21,7 @@ _ATTENTION = [
 ]
 """Kernels of attention, the fastest on recent GPUs first; PyTorch takes the first that can do it."""
 _USABLE = 0.8
-"""Share of the free memory that is planned with; the rest is for what fragmentation and others take."""
+"""Share of the free memory that is used; the rest is for fragmentation and for other programs."""
 _NO_MEMORY = ("out of memory", "can't allocate memory", "not enough memory", "ALLOC_FAILED")
 _MEMINFO = Path("/proc/meminfo")
 
@@ -53,7 +53,7 @@ class Placement:
         Raises
         ------
         DeviceMemoryError
-            What runs does not fit.
+            The computation does not fit the memory.
 
         Notes
         -----
@@ -73,7 +73,7 @@ class Placement:
             ) from error
 
     def free_bytes(self) -> int | None:
-        """Memory that can be planned with; ``None`` where the system does not tell."""
+        """Memory that a network may use [byte]; ``None`` where the system does not tell."""
         if self.device.type == "cuda":
             held = torch.cuda.memory_reserved(self.device) - torch.cuda.memory_allocated(self.device)
             return int(_USABLE * (torch.cuda.mem_get_info(self.device)[0] + held))
@@ -85,7 +85,7 @@ class Placement:
 
 
 def choose_placement(device: str = "auto", precision: Precision = "auto") -> Placement:
-    """The device of this name and how to compute on it.
+    """The named device, and the precision of computations on it.
 
     Parameters
     ----------
@@ -98,6 +98,11 @@ def choose_placement(device: str = "auto", precision: Precision = "auto") -> Pla
     ------
     BackendUnavailableError
         There is no such device here.
+
+    Examples
+    --------
+    >>> choose_placement("cpu").precision
+    'float32'
     """
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"

@@ -3,18 +3,15 @@
 import http.client
 import urllib.error
 import urllib.request
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks.checkpoints import Checkpoint
 
-__all__ = ["Progress", "download"]
-
-Progress = Callable[[int, int | None], None]
-"""Called with the bytes that are here and those of the whole file."""
+__all__ = ["download"]
 
 _BLOCK_BYTES = 1 << 20
 _TIMEOUT_S = 30.0
@@ -23,18 +20,18 @@ _TIMEOUT_S = 30.0
 def download(
     checkpoint: Checkpoint, folder: Path, *, token: str | None = None, progress: Progress | None = None
 ) -> Path:
-    """The checkpoint's file in a folder that exists.
+    """Path of the checkpoint's file, after its download into a folder that exists.
 
     Parameters
     ----------
     checkpoint
         What to download.
     folder
-        Where to; what a failure leaves there is the caller's to remove.
+        Folder for the file; what a failure leaves there is the caller's to remove.
     token
-        Of Hugging Face; without one the stored login or ``HF_TOKEN`` is used.
+        Token of Hugging Face; without one the stored login or ``HF_TOKEN`` is used.
     progress
-        Called as bytes arrive.
+        Called as bytes arrive, with the checkpoint's name, the bytes that have arrived and those of the whole file.
 
     Raises
     ------
@@ -61,7 +58,7 @@ def _from_hub(checkpoint: Checkpoint, folder: Path, token: str | None, progress:
             checkpoint.file_name,
             local_dir=folder,
             token=token,
-            tqdm_class=_reporter(progress, checkpoint.size_bytes),
+            tqdm_class=_reporter(progress, checkpoint),
         )
     except errors.RepositoryNotFoundError as error:  # includes gated ones, which look absent without a token
         raise BackendUnavailableError(
@@ -90,7 +87,7 @@ def _network_errors() -> tuple[type[Exception], ...]:
     return (errors.HfHubHTTPError, errors.LocalEntryNotFoundError, *(kind for kind in transports if kind is not None))
 
 
-def _reporter(progress: Progress | None, total: int) -> type[Any]:
+def _reporter(progress: Progress | None, checkpoint: Checkpoint) -> type[Any]:
     """A progress bar of Hugging Face that draws nothing and reports bytes instead."""
     from huggingface_hub.utils import tqdm  # type: ignore[attr-defined]  # noqa: PLC0415
 
@@ -106,7 +103,7 @@ def _reporter(progress: Progress | None, total: int) -> type[Any]:
             # Some transports count twice, what was received and what was written; the further one tells the state.
             furthest = max(furthest, int(self.n))
             if progress is not None:
-                progress(furthest, total)
+                progress(checkpoint.name, furthest, checkpoint.size_bytes)
 
     return Reporter
 
@@ -123,7 +120,7 @@ def _from_address(checkpoint: Checkpoint, folder: Path, progress: Progress | Non
                     stream.write(block)
                     done += len(block)
                     if progress is not None:
-                        progress(done, total)
+                        progress(checkpoint.name, done, total)
     except (urllib.error.URLError, http.client.HTTPException, TimeoutError, ConnectionError) as error:
         _no_network(checkpoint, error)
     if total is not None and done != total:

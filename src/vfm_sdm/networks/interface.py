@@ -6,12 +6,12 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 
 __all__ = ["SEEN", "ChunkNetwork", "ChunkTracks", "Precision", "RgbFrames"]
 
 Precision = Literal["auto", "float32", "bfloat16"]
-"""Of matrix products; ``auto`` is bfloat16 on GPUs that have it."""
+"""Precision of matrix products; ``auto`` is bfloat16 on GPUs that have it."""
 
 SEEN = 0.5
 """Visibility from which on a point counts as seen."""
@@ -29,9 +29,15 @@ class ChunkTracks:
     positions
         Column and row, shape (S, N, 2) [px]; the centre of the top-left pixel is (0, 0).
     visibility
-        That a point is seen, shape (S, N), 0 to 1.
+        Probability that a point is seen, shape (S, N), 0 to 1 [1].
     confidence
-        That a position is right, shape (S, N), 0 to 1.
+        Probability that a position is right, shape (S, N), 0 to 1 [1].
+
+    Examples
+    --------
+    >>> one = ChunkTracks(np.zeros((2, 1, 2)), np.ones((2, 1)), np.ones((2, 1)))
+    >>> ChunkTracks.joined(one, one[1:]).positions.shape
+    (3, 1, 2)
     """
 
     positions: FloatArray
@@ -39,12 +45,12 @@ class ChunkTracks:
     confidence: FloatArray
 
     def __getitem__(self, frames: slice) -> "ChunkTracks":
-        """Some of the frames."""
+        """The tracks in some of the frames."""
         return ChunkTracks(self.positions[frames], self.visibility[frames], self.confidence[frames])
 
     @classmethod
     def joined(cls, *parts: "ChunkTracks") -> "ChunkTracks":
-        """One after the other."""
+        """Tracks of several parts of a recording, one part after the other in time, shape (S, N, ...)."""
         names = ("positions", "visibility", "confidence")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
@@ -54,19 +60,32 @@ class ChunkNetwork(Protocol):
 
     @property
     def precision(self) -> str:
-        """Of its matrix products: ``float32`` or ``bfloat16``."""
+        """Precision of its matrix products: ``float32`` or ``bfloat16``."""
         ...
 
     def follow(self, frames: RgbFrames, queries: FloatArray) -> ChunkTracks:
-        """Points of the first frame (N, 2) [px] followed through all (S, H, W, 3).
+        """Tracks of points of the first frame through all frames.
+
+        Parameters
+        ----------
+        frames
+            Red, green and blue, shape (S, H, W, 3).
+        queries
+            Column and row in the first frame, shape (N, 2) [px].
 
         Raises
         ------
         MemoryError
-            They do not fit.
+            The frames do not fit the memory.
         """
         ...
 
     def plan_frames(self, height: int, width: int) -> int | None:
-        """How many frames of this size fit the free memory; ``None`` where that is not known."""
+        """How many frames of one size fit the free memory; ``None`` where that is not known.
+
+        Parameters
+        ----------
+        height, width
+            Size of a frame, shape (height, width, 3) [px].
+        """
         ...

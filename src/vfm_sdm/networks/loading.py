@@ -32,7 +32,7 @@ class _Contents:
 
 
 def read_state(name_or_path: str | Path, *, dtype: "torch.dtype | None" = None) -> dict[str, "torch.Tensor"]:
-    """Every tensor of a file of weights by its key.
+    """Every tensor of a file of weights, by its key.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def read_state(name_or_path: str | Path, *, dtype: "torch.dtype | None" = None) 
     Returns
     -------
     dict
-        Tensors on the CPU, mapped from the file: pages that are not used take no memory.
+        Tensors of the stored shapes on the CPU, mapped from the file: pages that are not used take no memory.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def read_state(name_or_path: str | Path, *, dtype: "torch.dtype | None" = None) 
         There is no such file, it is truncated, or it holds something else than named tensors.
     """
     with _open(find_weights(name_or_path)) as contents:
-        return {key: _as_type(contents.read(key), dtype) for key in contents.shapes}
+        return {key: _convert_type(contents.read(key), dtype) for key in contents.shapes}
 
 
 def load_weights(
@@ -82,30 +82,38 @@ def load_weights(
     BackendUnavailableError
         There is no such file, it cannot be read, or its keys or shapes are not those of the module; the message
         counts the differences and names the first five of each kind.
+
+    Examples
+    --------
+    >>> import torch
+    >>> layer = torch.nn.Linear(2, 1, bias=False)
+    >>> load_weights(layer, {"weight": torch.tensor([[3.0, 4.0]])})
+    >>> layer(torch.ones(1, 2)).item()
+    7.0
     """
-    with _contents(source) as contents:
+    with _open_contents(source) as contents:
         expected = {key: tuple(value.shape) for key, value in module.state_dict().items()}
         optional = tuple(optional_prefixes)
         offered = {key for key in contents.shapes if key in expected or not key.startswith(optional)}
-        faults = _differences(expected, contents.shapes, offered)
+        faults = _list_differences(expected, contents.shapes, offered)
         if faults:
             raise BackendUnavailableError(
                 f"weights {contents.label}: expected the {len(expected)} tensors of {type(module).__name__}, got "
                 f"{'; '.join(faults)}; give the file that belongs to this network (`vfm-sdm weights list`)"
             )
-        state = {key: _as_type(contents.read(key), dtype) for key in expected}
+        state = {key: _convert_type(contents.read(key), dtype) for key in expected}
     module.load_state_dict(state, strict=True, assign=True)
 
 
-def _differences(
+def _list_differences(
     expected: Mapping[str, tuple[int, ...]], found: Mapping[str, tuple[int, ...]], offered: set[str]
 ) -> list[str]:
     """One text a kind of difference: count, and the first few keys with their shapes."""
     kinds = {
-        "missing": [f"{key} {_size(expected[key])}" for key in expected if key not in offered],
-        "unexpected": [f"{key} {_size(found[key])}" for key in found if key in offered and key not in expected],
+        "missing": [f"{key} {_format_shape(expected[key])}" for key in expected if key not in offered],
+        "unexpected": [f"{key} {_format_shape(found[key])}" for key in found if key in offered and key not in expected],
         "of another shape": [
-            f"{key} {_size(found[key])} instead of {_size(shape)}"
+            f"{key} {_format_shape(found[key])} instead of {_format_shape(shape)}"
             for key, shape in expected.items()
             if key in offered and found[key] != shape
         ],
@@ -117,18 +125,18 @@ def _differences(
     ]
 
 
-def _size(shape: tuple[int, ...]) -> str:
+def _format_shape(shape: tuple[int, ...]) -> str:
     return "x".join(map(str, shape)) or "scalar"
 
 
-def _as_type(tensor: "torch.Tensor", dtype: "torch.dtype | None") -> "torch.Tensor":
+def _convert_type(tensor: "torch.Tensor", dtype: "torch.dtype | None") -> "torch.Tensor":
     return tensor if dtype is None or not tensor.is_floating_point() else tensor.to(dtype)
 
 
 @contextmanager
-def _contents(source: "str | Path | Mapping[str, torch.Tensor]") -> Iterator[_Contents]:
+def _open_contents(source: "str | Path | Mapping[str, torch.Tensor]") -> Iterator[_Contents]:
     if isinstance(source, Mapping):
-        yield _of_tensors("given as tensors", source)
+        yield _describe_tensors("given as tensors", source)
         return
     with _open(find_weights(source)) as contents:
         yield contents
@@ -138,7 +146,7 @@ def _contents(source: "str | Path | Mapping[str, torch.Tensor]") -> Iterator[_Co
 def _open(path: Path) -> Iterator[_Contents]:
     require_torch(f"weights {path.name}")
     if path.suffix.lower() != ".safetensors":
-        yield _of_tensors(path.name, _read_zip(path))
+        yield _describe_tensors(path.name, _read_zip(path))
         return
     if find_spec("safetensors") is None:
         raise BackendUnavailableError(
@@ -155,7 +163,7 @@ def _open(path: Path) -> Iterator[_Contents]:
         yield _Contents(path.name, shapes, stream.get_tensor)
 
 
-def _of_tensors(label: str, tensors: "Mapping[str, torch.Tensor]") -> _Contents:
+def _describe_tensors(label: str, tensors: "Mapping[str, torch.Tensor]") -> _Contents:
     return _Contents(label, {key: tuple(value.shape) for key, value in tensors.items()}, tensors.__getitem__)
 
 

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import sys
 import tempfile
 import tomllib
 from contextlib import suppress
@@ -11,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
+from platformdirs import user_cache_path
 
+from vfm_sdm.core.files import file_hash, replace_file
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.files import file_hash, replace_file
 from vfm_sdm.networks.checkpoints import CHECKPOINTS, Checkpoint
-from vfm_sdm.networks.download import Progress, download
+from vfm_sdm.networks.download import download
 
 __all__ = ["fetch_weights", "find_weights", "is_licence_accepted", "local_weights", "weights_folder", "weights_id"]
 
@@ -24,21 +25,23 @@ _LICENCES = "licences.toml"
 _HASHES = "hashes.toml"
 _ID_DIGITS = 12
 _SIZE_TOLERANCE = 0.02
+_EARLIER_FOLDER = Path("~/Library/Caches/vfm-sdm/weights")
+"""Where macOS had them even with ``XDG_CACHE_HOME`` set; gigabytes that lie there are not fetched again."""
 
 
 def weights_folder() -> Path:
     """Folder in which fetched weights lie: ``VFM_SDM_WEIGHTS`` if set, else one in the user's cache."""
     if chosen := os.environ.get("VFM_SDM_WEIGHTS"):
         return Path(chosen).expanduser()
-    if sys.platform == "win32":
-        cache = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        cache = Path.home() / "Library" / "Caches"
-    else:
-        cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
-        if not cache.is_absolute():
-            cache = Path.home() / ".cache"
-    return cache / "vfm-sdm" / "weights"
+    # On Windows the opinion is a folder ``Cache``, in which weights never lay.
+    folder = user_cache_path("vfm-sdm", appauthor=False, opinion=False) / "weights"
+    if not folder.exists() and _has_weights(_EARLIER_FOLDER.expanduser()):
+        return _EARLIER_FOLDER.expanduser()
+    return folder
+
+
+def _has_weights(folder: Path) -> bool:
+    return folder.is_dir() and any(file.suffix in _SUFFIXES for file in folder.iterdir())
 
 
 def local_weights(name: str) -> Path:
@@ -110,7 +113,7 @@ def fetch_weights(
     token
         Of Hugging Face, for gated checkpoints; without one the stored login or ``HF_TOKEN`` is used.
     progress
-        Called with the bytes that are here and those of the whole file.
+        Called with the checkpoint's name, the bytes that have arrived and those of the whole file.
 
     Returns
     -------

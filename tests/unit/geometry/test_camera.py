@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from vfm_sdm.errors import CameraError, DatasetError
-from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig, distort, distort_derivative, undistort
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
+from vfm_sdm.geometry.distortion import distort, distort_derivative, undistort
 from vfm_sdm.geometry.triangulation import triangulate
 
 K = np.array([[1200.0, 0.0, 630.0], [0.0, 1190.0, 370.0], [0.0, 0.0, 1.0]])

@@ -41,6 +41,49 @@ def test_missing_pixel_is_a_missing_point():
     assert np.isnan(triangulate(u, rig)).all(axis=1).tolist() == [False, True, False]
 
 
+@pytest.mark.parametrize("distortion", [False, True])
+def test_a_point_comes_from_the_views_that_see_it(distortion):
+    """As if the others were not there, whichever they are and whatever other points do."""
+    rig = simple_rig(4, distortion=distortion)
+    rng = np.random.default_rng(9)
+    u = project_all(rig, scene_points(rng, 16)) + rng.normal(0, 0.3, (4, 16, 2))
+    seen = (np.arange(16)[None] >> np.arange(4)[:, None]) & 1 == 1
+    missing = np.where(seen[..., None], u, np.nan)
+    missing[0, 6, 1] = np.nan  # half a pixel is none
+    found = triangulate(missing, rig)
+    for point in range(16):
+        views = np.flatnonzero(seen[:, point])
+        if len(views) < 2:
+            assert np.isnan(found[point]).all()
+            continue
+        part = Rig(tuple(rig.names[v] for v in views), tuple(rig.cameras[v] for v in views), metric=True)
+        np.testing.assert_allclose(found[point], triangulate(u[views, point], part), rtol=1e-12)
+
+
+def test_all_views_of_many_are_what_they_were():
+    rig = simple_rig(3)
+    rng = np.random.default_rng(10)
+    u = project_all(rig, scene_points(rng, 20)) + rng.normal(0, 0.3, (3, 20, 2))
+    partly = u.copy()
+    partly[1, 0] = np.nan
+    np.testing.assert_array_equal(triangulate(partly, rig)[1:], triangulate(u, rig)[1:])
+
+
+def test_weights_draw_towards_the_heavier_views():
+    rig = simple_rig(3)
+    rng = np.random.default_rng(11)
+    X = scene_points(rng, 4000)
+    u = project_all(rig, X) + rng.normal(0, 1, (3, 4000, 2)) * np.array([0.05, 0.05, 0.5])[:, None, None]
+    errors = {
+        name: np.sqrt(np.mean((triangulate(u, rig, weights=weights) - X) ** 2))
+        for name, weights in (("equal", None), ("of noise", [[20.0], [20.0], [2.0]]), ("of two", [[1], [1], [1e-9]]))
+    }
+    pair = Rig(rig.names[:2], rig.cameras[:2], metric=True)
+    assert errors["of noise"] < 0.6 * errors["equal"]
+    assert errors["of noise"] < errors["of two"]
+    np.testing.assert_allclose(triangulate(u, rig, weights=[[1], [1], [1e-9]]), triangulate(u[:2], pair), rtol=1e-9)
+
+
 def test_parallel_rays_are_nan_not_a_far_point():
     camera = simple_rig().cameras[0]
     beside = Camera(camera.K, camera.image_size, cam_from_world=np.column_stack([np.eye(3), [-4.0, 0, 0]]))
@@ -102,6 +145,20 @@ def test_cheirality_tells_points_behind_a_camera():
     X = np.array([[0.0, 0.0, 22.0], [0.0, 0.0, -22.0], [np.nan] * 3])
     assert in_front_of_all(X, rig).tolist() == [True, False, False]
     assert np.isnan(compute_reprojection_error(X[1:2], np.zeros((2, 1, 2)), rig)).all()
+
+
+def test_views_that_do_not_see_a_point_do_not_count():
+    rig = simple_rig(3)
+    X = scene_points(np.random.default_rng(12), 3)
+    u = project_all(rig, X)
+    u[0, :, 0] += 3.0
+    u[2, 0] = np.nan
+    expected = np.sqrt([9 / 2, 9 / 3, 9 / 3])
+    np.testing.assert_allclose(compute_reprojection_error(X, u, rig), expected, rtol=1e-9)
+    behind = np.array([[0.0, 0.0, 22.0], [0.0, 0.0, -22.0], [np.nan] * 3])
+    blind = np.zeros((3, 3), dtype=bool)
+    assert in_front_of_all(behind, rig, seen=blind).tolist() == [True, True, False]
+    assert in_front_of_all(behind, rig, seen=~blind).tolist() == [True, False, False]
 
 
 def test_sampson_error_has_the_size_of_pixel_noise():

@@ -1,5 +1,8 @@
 """Networks on arrays: placement, memory, mapping of pixels, and weights from a file."""
 
+import gc
+import os
+
 import numpy as np
 import pytest
 
@@ -11,7 +14,7 @@ from small_networks import ROUNDING_PX, in_double, small_tapir, small_vggt, tapi
 from vfm_sdm.errors import BackendUnavailableError, DatasetError  # noqa: E402
 from vfm_sdm.networks.device import Placement, choose_placement  # noqa: E402
 from vfm_sdm.networks.tapir import inference as tapir_inference  # noqa: E402
-from vfm_sdm.networks.tapir.inference import TapirInference, config_of  # noqa: E402
+from vfm_sdm.networks.tapir.inference import TapirInference, choose_config  # noqa: E402
 from vfm_sdm.networks.vggt import inference as vggt_inference  # noqa: E402
 from vfm_sdm.networks.vggt.inference import VggtInference  # noqa: E402
 
@@ -141,7 +144,7 @@ def test_devices_that_are_not_here_are_refused():
     [("bootstapir.pt", False, 1), ("causal_bootstapir_checkpoint.pt", True, 1), ("tapir-panning.pt", False, 0)],
 )
 def test_the_name_of_the_weights_tells_the_network(name, causal, level):
-    config = config_of(f"/some/folder/{name}")
+    config = choose_config(f"/some/folder/{name}")
     assert (config.causal, config.pyramid_level) == (causal, level)
 
 
@@ -176,3 +179,42 @@ def test_tapir_loads_its_file(tmp_path, monkeypatch, frames):
     loaded = TapirInference.load(str(tmp_path / "bootstapir.pt"), device="cpu")
     assert_same_weights(loaded.network, small_tapir(seed=3))
     assert np.isfinite(loaded.follow(frames[:, :136, :152], QUERIES).positions).all()
+
+
+def test_one_network_serves_all_who_load_the_same_weights(tmp_path, monkeypatch, frames):
+    whole = small_vggt(seed=4)
+    path = tmp_path / "vggt.safetensors"
+    save_file({key: value.contiguous() for key, value in whole.state_dict().items()}, path)
+    built = []
+
+    def build(**heads):
+        built.append(heads)
+        return small_vggt(seed=9, **heads)
+
+    monkeypatch.setattr(vggt_inference, "Vggt", build)
+    tracker = VggtInference.load(str(path), device="cpu", track=True)
+    aggregator = tracker.network.aggregator
+    cameras = VggtInference.load(str(path), device="cpu", camera=True)
+    assert cameras is tracker
+    assert cameras.network.aggregator is aggregator
+    # The second one added its head; its weights are those of the file.
+    assert built == [{"camera": False, "track": True}, {"camera": True, "track": False}]
+    assert_same_weights(cameras.network, whole)
+    assert VggtInference.load(str(path), device="cpu", track=True, camera=True) is tracker
+    assert len(built) == 2
+    # Other weights under the same name are another network.
+    save_file({key: value.contiguous() for key, value in small_vggt(seed=5).state_dict().items()}, path)
+    os.utime(path, ns=(1, 1))
+    assert VggtInference.load(str(path), device="cpu", track=True) is not tracker
+
+
+def test_a_network_that_nobody_holds_is_let_go(tmp_path, monkeypatch):
+    path = tmp_path / "vggt.safetensors"
+    save_file({key: value.contiguous() for key, value in small_vggt(seed=4).state_dict().items()}, path)
+    monkeypatch.setattr(vggt_inference, "Vggt", lambda **heads: small_vggt(seed=9, **heads))
+    known = len(vggt_inference._LOADED)
+    held = VggtInference.load(str(path), device="cpu", track=True)
+    assert len(vggt_inference._LOADED) == known + 1
+    del held
+    gc.collect()
+    assert len(vggt_inference._LOADED) == known

@@ -12,7 +12,11 @@ from email.message import Message
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import platformdirs.windows
 import pytest
+from platformdirs.macos import MacOS
+from platformdirs.unix import Unix
+from platformdirs.windows import Windows
 
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks import checkpoints, download, weights
@@ -88,27 +92,45 @@ def test_the_registry_states_size_licence_and_source_of_every_checkpoint(monkeyp
     assert CHECKPOINTS["bootstapir"].page.endswith("/dm-tapnet/bootstap/bootstapir_checkpoint_v2.pt")
 
 
+@pytest.fixture
+def home(monkeypatch, tmp_path):
+    """A user's empty home; without variables that would point elsewhere."""
+    for name in ("VFM_SDM_WEIGHTS", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr(platformdirs.windows, "get_win_folder", lambda name: f"{tmp_path}/AppData/{name}")
+    return tmp_path
+
+
 @pytest.mark.parametrize(
     ("platform", "variables", "expected"),
     [
-        ("linux", {"VFM_SDM_WEIGHTS": "/data/w"}, "/data/w"),
-        ("linux", {"VFM_SDM_WEIGHTS": "~/w"}, "/home/me/w"),
-        ("linux", {}, "/home/me/.cache/vfm-sdm/weights"),
-        ("linux", {"XDG_CACHE_HOME": "/cache"}, "/cache/vfm-sdm/weights"),
-        ("linux", {"XDG_CACHE_HOME": "not/absolute"}, "/home/me/.cache/vfm-sdm/weights"),
-        ("darwin", {"XDG_CACHE_HOME": "/cache"}, "/home/me/Library/Caches/vfm-sdm/weights"),
-        ("win32", {"LOCALAPPDATA": "/local"}, "/local/vfm-sdm/weights"),
-        ("win32", {}, "/home/me/AppData/Local/vfm-sdm/weights"),
+        (Unix, {"VFM_SDM_WEIGHTS": "/data/w"}, "/data/w"),
+        (Unix, {"VFM_SDM_WEIGHTS": "~/w"}, "w"),
+        (Unix, {}, ".cache/vfm-sdm/weights"),
+        (Unix, {"XDG_CACHE_HOME": "/cache"}, "/cache/vfm-sdm/weights"),
+        (Unix, {"XDG_CACHE_HOME": "not/absolute"}, ".cache/vfm-sdm/weights"),
+        (MacOS, {}, "Library/Caches/vfm-sdm/weights"),
+        (Windows, {}, "AppData/CSIDL_LOCAL_APPDATA/vfm-sdm/weights"),
     ],
 )
-def test_weights_lie_in_the_users_cache_or_where_the_variable_says(monkeypatch, platform, variables, expected):
-    for name in ("VFM_SDM_WEIGHTS", "XDG_CACHE_HOME", "LOCALAPPDATA"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("HOME", "/home/me")
+def test_weights_lie_in_the_users_cache_or_where_the_variable_says(monkeypatch, home, platform, variables, expected):
+    monkeypatch.setattr(platformdirs, "PlatformDirs", platform)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr(weights.sys, "platform", platform)
-    assert weights_folder() == Path(expected)
+    assert weights_folder() == home / expected
+
+
+def test_weights_that_an_earlier_version_fetched_are_still_found(monkeypatch, home):
+    monkeypatch.setattr(platformdirs, "PlatformDirs", MacOS)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home / "xdg"))
+    earlier = home / "Library" / "Caches" / "vfm-sdm" / "weights"
+    earlier.mkdir(parents=True)
+    assert weights_folder() == home / "xdg" / "vfm-sdm" / "weights"
+    (earlier / "vggt-1b.safetensors").touch()
+    assert weights_folder() == earlier
+    (home / "xdg" / "vfm-sdm" / "weights").mkdir(parents=True)
+    assert weights_folder() == home / "xdg" / "vfm-sdm" / "weights"
 
 
 def test_a_name_that_is_not_here_says_which_command_brings_it(folder):
@@ -171,8 +193,8 @@ def test_progress_counts_up_to_the_whole_file(address, monkeypatch):
     address()
     monkeypatch.setattr(download, "_BLOCK_BYTES", 4000)
     seen = []
-    fetch_weights("tapir-panning", accept_licence=True, progress=lambda done, total: seen.append((done, total)))
-    assert seen == [(done, len(CONTENT)) for done in (4000, 8000, len(CONTENT))]
+    fetch_weights("tapir-panning", accept_licence=True, progress=lambda *step: seen.append(step))
+    assert seen == [("tapir-panning", done, len(CONTENT)) for done in (4000, 8000, len(CONTENT))]
 
 
 def test_a_download_that_fails_leaves_nothing(folder, address):
@@ -279,12 +301,12 @@ def hub(monkeypatch):
 
 def test_a_checkpoint_comes_from_hugging_face(folder, hub):
     seen = []
-    file = fetch_weights("vggt-1b", accept_licence=True, progress=lambda done, total: seen.append((done, total)))
+    file = fetch_weights("vggt-1b", accept_licence=True, progress=lambda *step: seen.append(step))
     assert file == local_weights("vggt-1b") == folder / "vggt-1b.safetensors"
     assert file.read_bytes() == CONTENT
     assert not file.is_symlink()
     assert files(folder) == {"vggt-1b.safetensors", "licences.toml"}
-    assert seen[-1] == (len(CONTENT), len(CONTENT))
+    assert seen[-1] == ("vggt-1b", len(CONTENT), len(CONTENT))
 
 
 def test_the_token_is_passed_on(hub):

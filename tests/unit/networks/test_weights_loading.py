@@ -90,9 +90,9 @@ def test_a_module_takes_tensors_and_another_precision():
 
 def test_heads_that_are_not_built_are_not_read(file, monkeypatch):
     read = []
-    real = loading._as_type
+    real = loading._convert_type
     monkeypatch.setattr(
-        loading, "_as_type", lambda tensor, dtype: read.append(tuple(tensor.shape)) or real(tensor, dtype)
+        loading, "_convert_type", lambda tensor, dtype: read.append(tuple(tensor.shape)) or real(tensor, dtype)
     )
     net = Net(head=False)
     load_weights(net, file, optional_prefixes=("head.",))

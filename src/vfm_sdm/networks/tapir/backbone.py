@@ -11,11 +11,24 @@ from vfm_sdm.networks.tapir.config import TapirConfig
 __all__ = ["ExtraConvs", "ResNet", "normalize_channels"]
 
 STRIDES = (1, 2, 2, 1)
-"""Of the four residual groups; the first convolution halves the image before them."""
+"""Strides of the four residual groups; the first convolution halves the image before them."""
 
 
 def conv3x3(channels_in: int, channels_out: int, stride: int = 1) -> nn.Conv2d:
-    """Bias-free 3x3 convolution; with stride 2 the caller pads."""
+    """Bias-free 3 x 3 convolution of feature maps (T, C, h, w) of frames; with stride 2 the caller pads.
+
+    Parameters
+    ----------
+    channels_in, channels_out
+        Channels of the input and of the output.
+    stride
+        Step of the convolution [cells].
+
+    Examples
+    --------
+    >>> tuple(conv3x3(2, 4)(torch.zeros(1, 2, 8, 8)).shape)
+    (1, 4, 8, 8)
+    """
     return nn.Conv2d(channels_in, channels_out, 3, stride, padding=1 if stride == 1 else 0, bias=False)
 
 
@@ -32,10 +45,10 @@ class ResidualBlock(nn.Module):
         self.stride = stride
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features (T, C, h, w) to (T, C', h / stride, w / stride)."""
+        """Features of T frames, shape (T, C, h, w), to shape (T, C', h / stride, w / stride) [1]."""
         activated = F.relu(self.bn_0(x))
         shortcut = x if self.proj_conv is None else self.proj_conv(activated)
-        # "same" padding of a strided convolution lies right and below only
+        # Padding "same" of a strided convolution lies right and below only.
         padded = F.pad(activated, (0, 2, 0, 2)) if self.stride == 2 else activated
         return cast(Tensor, shortcut + self.conv_1(F.relu(self.bn_1(self.conv_0(padded)))))
 
@@ -51,7 +64,7 @@ class ResidualGroup(nn.Module):
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features (T, C, h, w) to (T, C', h / stride, w / stride)."""
+        """Features of T frames, shape (T, C, h, w), to shape (T, C', h / stride, w / stride) [1]."""
         return cast(Tensor, self.blocks(x))
 
 
@@ -67,7 +80,18 @@ class ResNet(nn.Module):
         )
 
     def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
-        """Fine (T, C, H/4, W/4) and coarse (T, C', H/8, W/8) features of frames (T, 3, H, W) in [-1, 1]."""
+        """Fine and coarse features of frames.
+
+        Parameters
+        ----------
+        frames
+            RGB in [-1, 1], shape (T, 3, H, W).
+
+        Returns
+        -------
+        fine, coarse
+            Shapes (T, C, H/4, W/4) and (T, C', H/8, W/8) [1].
+        """
         x = self.initial_conv(F.pad(frames, (2, 4, 2, 4)))
         outputs = []
         for group in self.block_groups:
@@ -86,7 +110,7 @@ class ExtraConvBlock(nn.Module):
         self.conv_1 = nn.Conv2d(4 * channels, channels, 3, padding=1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features (T, C, h, w) to the same shape."""
+        """Features of T frames, shape (T, C, h, w), to the same shape [1]."""
         normalized = self.layer_norm(x.movedim(1, -1)).movedim(-1, 1)
         return cast(Tensor, normalized + self.conv_1(F.gelu(self.conv(normalized), approximate="tanh")))
 
@@ -99,10 +123,22 @@ class ExtraConvs(nn.Module):
         self.blocks = nn.Sequential(*(ExtraConvBlock(config.lowres_channels) for _ in range(config.extra_blocks)))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features (T, C, h, w) to the same shape."""
+        """Features of T frames, shape (T, C, h, w), to the same shape [1]."""
         return cast(Tensor, self.blocks(x))
 
 
 def normalize_channels(features: Tensor) -> Tensor:
-    """Features (T, C, h, w) with a Euclidean norm of one over the channels."""
+    """Features with a Euclidean norm of one over the channels.
+
+    Parameters
+    ----------
+    features
+        Features of T frames, shape (T, C, h, w) [1].
+
+    Examples
+    --------
+    >>> features = torch.tensor([3.0, 4.0], dtype=torch.float64).reshape(1, 2, 1, 1)
+    >>> normalize_channels(features).flatten().tolist()
+    [0.6, 0.8]
+    """
     return features / torch.sqrt((features**2).sum(dim=1, keepdim=True).clamp_min(1e-12))

@@ -13,12 +13,22 @@ __all__ = ["check_chunks", "check_queries", "check_resolutions", "check_state", 
 
 
 def check_video(video: Tensor) -> Resolution:
-    """Height and width of a video (T, H, W, 3) of floats in [-1, 1].
+    """Height and width of a video [px].
+
+    Parameters
+    ----------
+    video
+        Floats in [-1, 1], shape (T, H, W, 3).
 
     Raises
     ------
     DatasetError
         The tensor has another shape, no frame, another kind of number, or values outside [-1, 1].
+
+    Examples
+    --------
+    >>> check_video(torch.zeros(2, 48, 64, 3))
+    (48, 64)
     """
     if video.ndim != 4 or video.shape[3] != 3 or video.numel() == 0:
         raise DatasetError(f"video: expected shape (T, H, W, 3) with T >= 1, got {tuple(video.shape)}; reshape it")
@@ -31,12 +41,25 @@ def check_video(video: Tensor) -> Resolution:
 
 
 def check_queries(queries: Tensor, frames: int, image_size: Resolution) -> None:
-    """Whether query points (N, 3) as t, y, x lie in the video.
+    """Refuses query points outside the video.
+
+    Parameters
+    ----------
+    queries
+        Frame index, row and column, shape (N, 3) [frames, px, px].
+    frames
+        Number of frames of the video.
+    image_size
+        Height and width of the video [px].
 
     Raises
     ------
     DatasetError
         The tensor has another shape, no point, or a point outside the video.
+
+    Examples
+    --------
+    >>> check_queries(torch.tensor([[0.0, 12.0, 20.0]]), 2, (48, 64))
     """
     if queries.ndim != 2 or queries.shape[1] != 3 or len(queries) == 0:
         raise DatasetError(f"queries: expected shape (N, 3) with N >= 1, got {tuple(queries.shape)}; reshape them")
@@ -55,12 +78,26 @@ def check_resolutions(
 ) -> tuple[Resolution, ...]:
     """The refinement resolutions asked for, or the default ones of the video.
 
+    Parameters
+    ----------
+    resolutions
+        Heights and widths [px]; the default ones where ``None``.
+    image_size
+        Height and width of the video [px].
+    config
+        Constants of the network.
+
     Raises
     ------
     DatasetError
         The list is empty.
     SessionError
         The network cannot run at a resolution.
+
+    Examples
+    --------
+    >>> check_resolutions(None, (240, 256), TapirConfig())
+    ((256, 256),)
     """
     if resolutions is None:
         resolutions = refinement_resolutions(image_size, config.initial_resolution)
@@ -70,12 +107,21 @@ def check_resolutions(
 
 
 def check_state(state: CausalState, refinements: int, shapes: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
-    """Whether a state has so many refinements, each with two parts of these shapes.
+    """Refuses a state of other points or resolutions.
+
+    Parameters
+    ----------
+    state
+        Memory after the frame before.
+    refinements
+        Number of refinements that it must have.
+    shapes
+        Shapes of the two parts of each.
 
     Raises
     ------
     DatasetError
-        It belongs to other points or resolutions.
+        The state belongs to other points or resolutions.
     """
     found = [(tuple(mixer.normalized.shape), tuple(mixer.activated.shape)) for mixer in state.refinements]
     if found != [shapes] * refinements:
@@ -86,12 +132,21 @@ def check_state(state: CausalState, refinements: int, shapes: tuple[tuple[int, .
 
 
 def check_chunks(frame_chunk: int, query_chunk: int) -> None:
-    """Whether chunks hold something.
+    """Refuses chunks without content.
+
+    Parameters
+    ----------
+    frame_chunk, query_chunk
+        Number of frames and of points that are computed at a time.
 
     Raises
     ------
     DatasetError
         One of them is below 1.
+
+    Examples
+    --------
+    >>> check_chunks(16, 16)
     """
     if frame_chunk < 1 or query_chunk < 1:
         raise DatasetError(

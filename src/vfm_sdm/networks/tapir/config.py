@@ -116,17 +116,51 @@ class TapirConfig:
 
     @classmethod
     def bootstapir(cls, *, softmax_temperature: float = 20.0, square_sampling: bool = True) -> Self:
-        """BootsTAPIR that sees the whole video (``bootstapir_checkpoint_v2.pt``)."""
+        """BootsTAPIR that sees the whole video (``bootstapir_checkpoint_v2.pt``).
+
+        Parameters
+        ----------
+        softmax_temperature, square_sampling
+            As in `TapirConfig`.
+
+        Examples
+        --------
+        >>> config = TapirConfig.bootstapir()
+        >>> config.pyramid_level, config.extra_convs, config.causal
+        (1, True, False)
+        """
         return cls(softmax_temperature=softmax_temperature, square_sampling=square_sampling)
 
     @classmethod
     def bootstapir_causal(cls, *, softmax_temperature: float = 20.0, square_sampling: bool = True) -> Self:
-        """BootsTAPIR that sees the past only (``causal_bootstapir_checkpoint.pt``)."""
+        """BootsTAPIR that sees the past only (``causal_bootstapir_checkpoint.pt``).
+
+        Parameters
+        ----------
+        softmax_temperature, square_sampling
+            As in `TapirConfig`.
+
+        Examples
+        --------
+        >>> TapirConfig.bootstapir_causal().causal
+        True
+        """
         return cls(causal=True, softmax_temperature=softmax_temperature, square_sampling=square_sampling)
 
     @classmethod
     def tapir_panning(cls, *, softmax_temperature: float = 20.0, square_sampling: bool = True) -> Self:
-        """Plain TAPIR, trained on panning cameras (``tapir_checkpoint_panning.pt``)."""
+        """Plain TAPIR, trained on panning cameras (``tapir_checkpoint_panning.pt``).
+
+        Parameters
+        ----------
+        softmax_temperature, square_sampling
+            As in `TapirConfig`.
+
+        Examples
+        --------
+        >>> TapirConfig.tapir_panning().pyramid_level
+        0
+        """
         return cls(
             pyramid_level=0, extra_convs=False, softmax_temperature=softmax_temperature, square_sampling=square_sampling
         )
@@ -142,10 +176,20 @@ def refinement_resolutions(image_size: Resolution, initial: Resolution) -> tuple
     initial
         Resolution of the initialisation [px].
 
+    Returns
+    -------
+    resolutions
+        Height and width [px], shape (height, width) each, in the order of refinement.
+
     Notes
     -----
     Only the initial one where the video is no larger; else from there to the full size in the fewest geometric steps
     of at most a factor 2, each side rounded down to a multiple of 8.
+
+    Examples
+    --------
+    >>> refinement_resolutions((480, 640), (256, 256))
+    ((256, 256), (344, 400), (480, 640))
     """
     enlargement = [full / first for full, first in zip(image_size, initial, strict=True)]
     if max(enlargement) <= 1:
@@ -163,10 +207,22 @@ def refinement_resolutions(image_size: Resolution, initial: Resolution) -> tuple
 def check_resolution(resolution: Sequence[int], pyramid_level: int) -> Resolution:
     """The resolution as (height, width), if the network can run at it.
 
+    Parameters
+    ----------
+    resolution
+        Height and width [px].
+    pyramid_level
+        How many times the coarse feature grid is halved.
+
     Raises
     ------
     SessionError
         A side is not a multiple of 8, or so small that the pyramid has an empty grid or the backbone a single cell.
+
+    Examples
+    --------
+    >>> check_resolution([256, 320], 1)
+    (256, 320)
     """
     smallest = LOWRES_STRIDE * 2 ** max(pyramid_level, 1)
     if len(resolution) != 2 or any(side % LOWRES_STRIDE or side < smallest for side in resolution):

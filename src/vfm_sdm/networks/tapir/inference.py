@@ -6,23 +6,38 @@ from typing import Self
 import numpy as np
 import torch
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.networks.device import Placement, choose_placement
 from vfm_sdm.networks.interface import ChunkTracks, RgbFrames
 from vfm_sdm.networks.loading import load_weights
 from vfm_sdm.networks.tapir.config import TapirConfig
 from vfm_sdm.networks.tapir.model import Tapir
 
-__all__ = ["TapirInference", "config_of"]
+__all__ = ["TapirInference", "choose_config"]
 
 _FRAME_PIXEL_BYTES = 100
-"""Peak memory of a frame, a pixel of it: feature grids, and what passes the backbone in its chunk [byte]."""
+"""Peak memory of a pixel of a frame: feature grids, and what passes the backbone in its chunk [byte]."""
 _CORNER = 0.5
-"""TAPIR has the image's corner at (0, 0); here that is the centre of the top-left pixel."""
+"""Shift of the pixel origin [px]: TAPIR has the image's corner at (0, 0), this package the top-left pixel's centre."""
 
 
-def config_of(weights: str | Path) -> TapirConfig:
-    """The network that a file of weights belongs to, told by its name: causal weights have the same keys and shapes."""
+def choose_config(weights: str | Path) -> TapirConfig:
+    """Configuration of the network that a file of weights belongs to, told by the file's name.
+
+    Parameters
+    ----------
+    weights
+        Name or path of the weights.
+
+    Notes
+    -----
+    Causal weights have the same keys and shapes as others, so only the name tells them apart.
+
+    Examples
+    --------
+    >>> choose_config("causal_bootstapir_checkpoint.pt").causal
+    True
+    """
     name = Path(weights).name
     if "panning" in name:
         return TapirConfig.tapir_panning()
@@ -35,7 +50,7 @@ class TapirInference:
     Parameters
     ----------
     network
-        With its weights; it is moved to the device.
+        Network with its weights; it is moved to the device.
     placement
         Where it runs, in float32: its soft arg-max weighs cells by their distance from the corner, of which reduced
         precision would leave half a pixel.
@@ -55,6 +70,13 @@ class TapirInference:
     def load(cls, weights: str, *, device: str = "auto") -> Self:
         """The published network.
 
+        Parameters
+        ----------
+        weights
+            Name or path of the weights.
+        device
+            ``auto`` (a GPU where there is one), or a name that PyTorch knows.
+
         Raises
         ------
         BackendUnavailableError
@@ -62,7 +84,7 @@ class TapirInference:
         """
         placement = choose_placement(device, "float32")
         with torch.device("meta"):
-            network = Tapir(config_of(weights))
+            network = Tapir(choose_config(weights))
         load_weights(network, weights, dtype=torch.float32)
         return cls(network, placement)
 
@@ -72,7 +94,7 @@ class TapirInference:
         Parameters
         ----------
         frames
-            Shape (S, H, W, 3).
+            Red, green and blue, shape (S, H, W, 3).
         queries
             Column and row in the first frame, shape (N, 2) [px].
 
@@ -81,7 +103,7 @@ class TapirInference:
         DatasetError
             The frames have another shape.
         DeviceMemoryError
-            They do not fit.
+            The frames do not fit the memory.
         """
         with self.placement.running():
             pixels = torch.from_numpy(np.ascontiguousarray(frames)).to(self.placement.device)
@@ -97,11 +119,17 @@ class TapirInference:
 
     @property
     def precision(self) -> str:
-        """Of its matrix products: ``float32`` or ``bfloat16``."""
+        """Precision of its matrix products: ``float32`` or ``bfloat16``."""
         return self.placement.precision
 
     def plan_frames(self, height: int, width: int) -> int | None:
-        """How many frames of this size fit the free memory; ``None`` where that is not known."""
+        """How many frames of one size fit the free memory; ``None`` where that is not known.
+
+        Parameters
+        ----------
+        height, width
+            Size of a frame, shape (height, width, 3) [px].
+        """
         free = self.placement.free_bytes()
         return None if free is None else int(free // (height * width * _FRAME_PIXEL_BYTES))
 

@@ -28,18 +28,29 @@ class CostVolumeHeads(nn.Module):
         self.softmax_temperature = config.softmax_temperature
 
     def forward(self, queries: Tensor, grid: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Position (N, T, 2) as x, y [px of the resized frame], occlusion and expected-distance logits (N, T).
+        """Position and two logits of every query point in every frame.
 
         Parameters
         ----------
         queries
-            Coarse features (N, C) of the query points.
+            Coarse features of the query points, shape (N, C) [1].
         grid
-            Coarse feature grid (T, C, h, w).
+            Coarse feature grid of T frames, shape (T, C, h, w) [1].
+
+        Returns
+        -------
+        position, occlusion, expected_dist
+            Column and row, shape (N, T, 2) [px of the resized frame], and logits, shape (N, T) [1].
 
         Notes
         -----
-        TAPIR, Sec. 3.1. Memory grows with N T h w.
+        Section 3.1 of TAPIR [1]_. Memory grows with N T h w.
+
+        References
+        ----------
+        .. [1] Doersch, C., Yang, Y., Vecerik, M., Gokay, D., Gupta, A., Aytar, Y., Carreira, J., Zisserman, A. (2023).
+           TAPIR: tracking any point with per-frame initialization and temporal refinement. IEEE/CVF International
+           Conference on Computer Vision.
         """
         cost = torch.einsum("nc,tchw->nthw", queries, grid)
         hidden = F.relu(self.hid1(cost.flatten(0, 1)[:, None]))
@@ -54,13 +65,48 @@ class CostVolumeHeads(nn.Module):
 
 
 def initialize(heads: CostVolumeHeads, grids: FeatureGrids, points: PointFeatures, *, frame_chunk: int = 1) -> Estimate:
-    """Estimate of every frame on its own, ``frame_chunk`` frames at a time."""
+    """Estimate of every frame on its own.
+
+    Parameters
+    ----------
+    heads
+        Heads of the network on the cost volume.
+    grids
+        Feature grids of T frames.
+    points
+        Features of N query points, shapes (N, C) and (N, C') [1].
+    frame_chunk
+        Frames that are computed at a time.
+
+    Returns
+    -------
+    estimate
+        Positions, shape (N, T, 2) [px of the resized frame], and logits, shape (N, T) [1].
+    """
     parts = [heads(points.lowres, grids.lowres[frames]) for frames in frame_chunks(len(grids.lowres), frame_chunk)]
     return Estimate(*(torch.cat(of_frames, dim=1) for of_frames in zip(*parts, strict=True)))
 
 
 def soft_argmax(probability: Tensor) -> Tensor:
-    """Mean cell centre (M, 2) as x, y [cells] of maps (M, h, w), over the neighbourhood of the largest value."""
+    """Mean place of a map in the neighbourhood of its largest value.
+
+    Parameters
+    ----------
+    probability
+        Maps, shape (M, h, w) [1]; in the network, one for every frame of every point.
+
+    Returns
+    -------
+    place
+        Mean cell centre as x, y, shape (M, 2) [cells], the corner of the map being (0, 0).
+
+    Examples
+    --------
+    >>> probability = torch.zeros(1, 8, 8)
+    >>> probability[0, 2, 3:5] = 0.5
+    >>> soft_argmax(probability).tolist()
+    [[4.0, 2.5]]
+    """
     height, width = probability.shape[1:]
     y, x = torch.meshgrid(
         torch.arange(height, dtype=probability.dtype, device=probability.device) + 0.5,

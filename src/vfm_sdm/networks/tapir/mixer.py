@@ -15,7 +15,7 @@ EXPANSION = 4
 TAPS = 3
 """Frames that a temporal convolution sees."""
 PAST_FRAMES = TAPS - 1
-"""Of these, the frames before the present one if it is causal."""
+"""Frames that a causal convolution sees before the present one."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class MixerState:
 class TemporalConvolution(nn.Module):
     """Depthwise convolution along time without padding; every channel gives the same number of outputs.
 
-    A sum over the taps of shifted copies: for the few frames of online use, torch's grouped convolutions were measured
-    10 to 100 times slower on a CPU.
+    It is computed as a sum over the taps of shifted copies: for the few frames of online use, torch's grouped
+    convolutions were measured 10 to 100 times slower on a CPU.
     """
 
     def __init__(self, channels_in: int, channels_out: int) -> None:
@@ -48,7 +48,10 @@ class TemporalConvolution(nn.Module):
         self.outputs = (channels_in, channels_out // channels_in)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features (N, T + 2, C) to (N, T, C'), the outputs of a channel beside each other."""
+        """Features of T frames, shape (N, T, C'), from those of T + 2, shape (N, T + 2, C).
+
+        The C' / C outputs of a channel lie beside each other.
+        """
         frames = x.shape[1] - PAST_FRAMES
         weight = self.weight.view(*self.outputs, TAPS)
         result: Tensor = self.bias.view(self.outputs)
@@ -66,7 +69,7 @@ class ChannelMixer(nn.Module):
         self.mlp2_down = nn.Linear(EXPANSION * channels, channels)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features (..., C) to the same shape."""
+        """Features of points in frames, shape (..., C), to the same shape [1]."""
         result: Tensor = self.mlp2_down(F.gelu(self.mlp2_up(x), approximate="tanh"))
         return result
 
@@ -84,7 +87,20 @@ class MixerBlock(nn.Module):
         self.conv_channels_mixer = ChannelMixer(channels)
 
     def forward(self, x: Tensor, past: tuple[Tensor, Tensor] | None) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        """Features (N, T, C) to the same shape, and the inputs (N, 2, C) and (N, 2, 4 C) that the next frame needs."""
+        """Features after the block, and the inputs that the next frame needs.
+
+        Parameters
+        ----------
+        x
+            Features of T frames, shape (N, T, C) [1].
+        past
+            Inputs of the two frames before, shapes (N, 2, C) and (N, 2, 4 C); zero where ``None``.
+
+        Returns
+        -------
+        features, inputs
+            Features, shape (N, T, C), and the inputs of the last two frames, shapes (N, 2, C) and (N, 2, 4 C).
+        """
         normalized = self._padded(self.layer_norm(x), past[0] if past else None)
         activated = F.gelu(self.mlp1_up(normalized), approximate="tanh")
         activated = self._padded(activated, past[1] if past else None)
@@ -100,7 +116,14 @@ class MixerBlock(nn.Module):
 
 
 class TemporalMixer(nn.Module):
-    """The network that turns local evidence along a track into an update of it (TAPIR, Sec. 3.2)."""
+    """The network that turns local evidence along a track into an update of it (section 3.2 of TAPIR [1]_).
+
+    References
+    ----------
+    .. [1] Doersch, C., Yang, Y., Vecerik, M., Gokay, D., Gupta, A., Aytar, Y., Carreira, J., Zisserman, A. (2023).
+       TAPIR: tracking any point with per-frame initialization and temporal refinement. IEEE/CVF International
+       Conference on Computer Vision.
+    """
 
     def __init__(self, config: TapirConfig) -> None:
         super().__init__()
@@ -113,9 +136,20 @@ class TemporalMixer(nn.Module):
         self.linear_1 = nn.Linear(channels, 4 + features)
 
     def forward(self, evidence: Tensor, state: MixerState | None = None) -> tuple[Tensor, MixerState]:
-        """Update (N, T, 4 + features) from evidence (N, T, inputs), and the state after the last frame.
+        """Update of every track, and the state after the last frame.
 
-        Without a state the past is zero. The state that comes back means something for a causal mixer only.
+        Parameters
+        ----------
+        evidence
+            Evidence of T frames, shape (N, T, inputs) [1].
+        state
+            State after the frame before; the past is zero without one.
+
+        Returns
+        -------
+        update, state
+            Update, shape (N, T, 4 + features) [px of the resized video, 1], and the state, which means something for a
+            causal mixer only.
         """
         x = self.linear(evidence)
         pasts = []

@@ -35,13 +35,20 @@ class Tapir(nn.Module):
     config
         Architecture and run-time constants; a preset of ``TapirConfig`` for each checkpoint.
 
-    Notes
-    -----
-    TAPIR (Doersch et al. 2023), Sec. 3; BootsTAP (Doersch et al. 2024) for the extra convolutions. Calculations run
-    in the floating-point type and on the device of the parameters. Points don't see one another. Run it under
+    Notes ----- Section 3 of TAPIR [1]_; BootsTAP [2]_ for the extra convolutions. Calculations run in the
+    floating-point type and on the device of the parameters. Points do not see one another. Run it under
     ``torch.inference_mode``, or all intermediate values are kept for a backward pass.
 
     Pixels: the centre of the top-left one is (0.5, 0.5), so that positions in a resized image are in proportion.
+
+    References
+    ----------
+    .. [1] Doersch, C., Yang, Y., Vecerik, M., Gokay, D., Gupta, A., Aytar, Y., Carreira, J., Zisserman, A. (2023).
+       TAPIR: tracking any point with per-frame initialization and temporal refinement. IEEE/CVF International
+       Conference on Computer Vision.
+    .. [2] Doersch, C., Luc, P., Yang, Y., Gokay, D., Koppula, S., Gupta, A., Heyward, J., Rocco, I., Goroshin, R.,
+       Carreira, J., Zisserman, A. (2024). BootsTAP: bootstrapped training for tracking-any-point. Asian Conference on
+       Computer Vision.
     """
 
     def __init__(self, config: TapirConfig) -> None:
@@ -111,7 +118,16 @@ class Tapir(nn.Module):
     def query_features(
         self, frame: Tensor, queries: Tensor, *, resolutions: Sequence[Resolution] | None = None
     ) -> QueryFeatures:
-        """Features of points (N, 3), as 0, y, x [px], of one frame (H, W, 3): what ``step`` follows.
+        """Features of points of one frame: what ``step`` follows.
+
+        Parameters
+        ----------
+        frame
+            RGB in [-1, 1], shape (H, W, 3).
+        queries
+            Points as 0, y, x, shape (N, 3) [frames, px, px].
+        resolutions
+            Heights and widths to refine at [px], as in `track`.
 
         Raises
         ------
@@ -129,7 +145,19 @@ class Tapir(nn.Module):
         return QueryFeatures(levels, resolutions, image_size)
 
     def initial_state(self, n_points: int, *, n_resolutions: int = 1) -> CausalState:
-        """Memory of online use before the first frame, for as many points and refinement resolutions.
+        """Memory of online use before the first frame.
+
+        Parameters
+        ----------
+        n_points
+            Number N of points.
+        n_resolutions
+            Number of refinement resolutions.
+
+        Returns
+        -------
+        state
+            Zeros, shapes (blocks, N, 2, C) and (blocks, N, 2, 4 C) for the last two frames of every refinement [1].
 
         Raises
         ------
@@ -147,16 +175,21 @@ class Tapir(nn.Module):
         return CausalState((empty,) * (self.config.iterations * n_resolutions))
 
     def step(self, frame: Tensor, features: QueryFeatures, state: CausalState) -> OnlineStep:
-        """Position of the query points in the next frame (H, W, 3) of a video.
+        """Position of the query points in the next frame of a video.
 
         Parameters
         ----------
         frame
-            RGB in [-1, 1], of the size of the query frame.
+            RGB in [-1, 1], of the size of the query frame, shape (H, W, 3).
         features
-            From ``query_features``.
+            Result of ``query_features`` for N points.
         state
-            From ``initial_state`` for the first frame, then from the step before; it is not changed.
+            Result of ``initial_state`` for the first frame, then of the step before; it is not changed.
+
+        Returns
+        -------
+        step
+            Column and row, shape (N, 2) [px of the frame], logits, shape (N,) [1], and the state after this frame.
 
         Raises
         ------
@@ -192,7 +225,17 @@ class Tapir(nn.Module):
         return OnlineStep(tracks, last.occlusion[:, 0], last.expected_dist[:, 0], CausalState(tuple(states)))
 
     def feature_grids(self, video: Tensor, resolution: Resolution, *, frame_chunk: int = 16) -> FeatureGrids:
-        """Feature grids of a video (T, H, W, 3) in [-1, 1], resized to a resolution."""
+        """Feature grids of a video at one resolution.
+
+        Parameters
+        ----------
+        video
+            Frames, RGB in [-1, 1], shape (T, H, W, 3).
+        resolution
+            Height and width that the frames are resized to [px].
+        frame_chunk
+            Frames that pass the backbone at a time.
+        """
         hires, lowres = [], []
         for frames in frame_chunks(len(video), frame_chunk):
             images = self._like_parameters(video[frames]).movedim(-1, 1)

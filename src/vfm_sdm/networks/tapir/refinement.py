@@ -29,14 +29,14 @@ def refine(
     Parameters
     ----------
     mixer
-        Gives the updates.
+        Network that gives the updates.
     grids
-        Features of the frames at this resolution.
+        Features of T frames at this resolution, shape (T, C, h, w) each.
     points
         Features of the N query points at this resolution. Each frame's own copy of them is refined along with the
         position, from these values on.
     start
-        Where the iterations begin.
+        Estimate at which the iterations begin: positions, shape (N, T, 2) [px of the initial resolution].
     config
         Iterations, windows and the initial resolution, in whose pixels positions are.
     past
@@ -46,7 +46,13 @@ def refine(
 
     Notes
     -----
-    TAPIR, Sec. 3.2. The mixer's shifts are in pixels of the resized video.
+    Section 3.2 of TAPIR [1]_. The mixer's shifts are in pixels of the resized video.
+
+    References
+    ----------
+    .. [1] Doersch, C., Yang, Y., Vecerik, M., Gokay, D., Gupta, A., Aytar, Y., Carreira, J., Zisserman, A. (2023).
+       TAPIR: tracking any point with per-frame initialization and temporal refinement. IEEE/CVF International
+       Conference on Computer Vision.
     """
     to_initial = scale_between(grids.resolution, config.initial_resolution, points.lowres)
     estimate = start
@@ -70,9 +76,29 @@ def refine(
 def gather_evidence(
     grids: FeatureGrids, estimate: Estimate, feature: Tensor, *, config: TapirConfig, frame_chunk: int
 ) -> Tensor:
-    """What the mixer sees (N, T, inputs): two zeros, the two logits, the features (N, T, C), the correlations.
+    """What the mixer sees of every point in every frame.
 
-    The fine grid is correlated with the fine part of the features, which comes first, the others with the rest.
+    Parameters
+    ----------
+    grids
+        Feature grids of T frames, shape (T, C, h, w) each [1].
+    estimate
+        Positions, shape (N, T, 2) [px of the initial resolution], and logits, shape (N, T) [1].
+    feature
+        Features of the points in every frame, the fine part first, shape (N, T, C) [1].
+    config
+        Windows and the initial resolution.
+    frame_chunk
+        Frames that are correlated at a time.
+
+    Returns
+    -------
+    evidence
+        Two zeros, the two logits, the features and the correlations, shape (N, T, inputs) [1].
+
+    Notes
+    -----
+    The fine grid is correlated with the fine part of the features, the other grids with the rest.
     """
     fine, coarse = torch.split(feature, [config.hires_channels, config.lowres_channels], dim=-1)
     correlations = []

@@ -23,22 +23,51 @@ __all__ = [
 
 
 def visible(occlusion: Tensor, expected_dist: Tensor) -> Tensor:
-    """Where a point is more likely seen and well placed than not, from the two logits; boolean, their shape."""
+    """Where a point is more likely seen and well placed than not.
+
+    Parameters
+    ----------
+    occlusion, expected_dist
+        Logits of the network for every point and frame, shape (...) [1].
+
+    Returns
+    -------
+    visible
+        Boolean, shape (...).
+
+    Examples
+    --------
+    >>> visible(torch.tensor([-4.0, 4.0]), torch.tensor([-4.0, -4.0])).tolist()
+    [True, False]
+    """
     return torch.sigmoid(-occlusion) * torch.sigmoid(-expected_dist) > 0.5
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One iterate inside the network: position (N, T, 2) [px of the initial resolution], two logits (N, T)."""
+    """One iterate inside the network.
+
+    Parameters
+    ----------
+    position
+        Column and row, shape (N, T, 2) [px of the initial resolution].
+    occlusion, expected_dist
+        Logits of the point being hidden and of its position being far off, shape (N, T) [1].
+    """
 
     position: Tensor
     occlusion: Tensor
     expected_dist: Tensor
 
     def anchored(self, queries: Tensor, to_initial: Tensor) -> Self:
-        """The estimate with the query points (N, 3), as t, y, x, for positions in their own frames.
+        """The estimate with the query points themselves as the positions in their own frames.
 
-        ``to_initial`` scales x, y [px of the video] to the initial resolution.
+        Parameters
+        ----------
+        queries
+            Frame index, row and column, shape (N, 3) [frames, px, px] of the video.
+        to_initial
+            Factors that scale x, y of the video to the initial resolution, shape (2,) [1].
         """
         frame = queries[:, 0].round().long()
         position = self.position.clone()
@@ -79,11 +108,11 @@ def report_tracks(chunks: Sequence[Sequence[Estimate]], iterations: int, to_vide
     Parameters
     ----------
     chunks
-        For every chunk of points the initialisation and all refinements in turn.
+        Estimates of every chunk of points: the initialisation and all refinements in turn, shape (N, T, ...) each.
     iterations
         Refinements per resolution.
     to_video
-        Factors (2,) from x, y at the initial resolution to pixels of the video.
+        Factors from x, y at the initial resolution to pixels of the video, shape (2,) [1].
     """
     iterates = tuple(
         TapirTracks(
@@ -104,7 +133,7 @@ def report_tracks(chunks: Sequence[Sequence[Estimate]], iterations: int, to_vide
 
 @dataclass(frozen=True)
 class PointFeatures:
-    """Features of query points at one resolution: fine (N, C) and coarse (N, C')."""
+    """Features of query points at one resolution: fine, shape (N, C), and coarse, shape (N, C') [1]."""
 
     hires: Tensor
     lowres: Tensor
@@ -137,7 +166,7 @@ class CausalState:
 
 
 class OnlineStep(NamedTuple):
-    """Answer of one online step: tracks (N, 2) as in ``TapirTracks``, logits (N,), and the state for the next frame."""
+    """Result of one online step: tracks (N, 2) as in ``TapirTracks``, logits (N,), and the state for the next frame."""
 
     tracks: Tensor
     occlusion: Tensor

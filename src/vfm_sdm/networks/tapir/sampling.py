@@ -14,10 +14,26 @@ __all__ = ["correlate_windows", "sample_trilinear"]
 
 
 def sample_trilinear(grid: Tensor, points: Tensor) -> Tensor:
-    """Features (N, C) of a grid (T, C, h, w) at points (N, 3).
+    """Features of a grid at points between its frames and cells.
 
-    Points are (t, y, x): frame index and cells. Between frames and cells it is interpolated linearly; beyond the
-    outermost cell centres the border's value holds.
+    Parameters
+    ----------
+    grid
+        Features of T frames, shape (T, C, h, w) [1].
+    points
+        Frame index, row and column, shape (N, 3) [frames, cells, cells].
+
+    Returns
+    -------
+    features
+        Shape (N, C) [1], interpolated linearly between frames and cells; beyond the outermost cell centres the border's
+        value holds.
+
+    Examples
+    --------
+    >>> grid = torch.arange(4.0).reshape(1, 1, 2, 2)
+    >>> sample_trilinear(grid, torch.tensor([[0.0, 1.0, 1.0]])).tolist()
+    [[1.5]]
     """
     frames, _, height, width = grid.shape
     last = points.new_tensor([frames - 1, height - 1, width - 1])
@@ -40,11 +56,11 @@ def correlate_windows(
     Parameters
     ----------
     grid
-        Features (T, C, h, w).
+        Features of T frames, shape (T, C, h, w) [1].
     positions
-        Window centres (N, T, 2) as x, y [cells].
+        Window centres as x, y, shape (N, T, 2) [cells].
     queries
-        Features to compare with, (N, T, C).
+        Features to compare with, shape (N, T, C) [1].
     radius
         Cells on either side of the centre.
     square_sampling
@@ -52,12 +68,20 @@ def correlate_windows(
 
     Returns
     -------
-    Tensor
-        (N, T, (2 radius + 1)^2), y the slow and x the fast index; cells outside the grid are zero.
+    products
+        Shape (N, T, (2 radius + 1)^2) [1], y the slow and x the fast index; cells outside the grid are zero.
 
     Notes
     -----
     Only the windows are interpolated: memory is N T C (2 radius + 1)^2 numbers, independent of the grid's size.
+
+    Examples
+    --------
+    >>> grid = torch.eye(3)[None, None]
+    >>> centre, query = torch.full((1, 1, 2), 1.5), torch.ones(1, 1, 1)
+    >>> products = correlate_windows(grid, centre, query, radius=1, square_sampling=False)
+    >>> products.reshape(3, 3).round().tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """
     height, width = grid.shape[2:]
     steps = torch.arange(-radius, radius + 1, dtype=positions.dtype, device=positions.device)

@@ -18,7 +18,7 @@ _STD = (0.229, 0.224, 0.225)
 
 
 class Aggregator(nn.Module):
-    """Tokens of frames that know each other.
+    """Tokens of frames after attention to each other.
 
     The first frame has camera and register tokens of its own; all others share a second set.
     """
@@ -45,12 +45,13 @@ class Aggregator(nn.Module):
         keep
             Layers, from 0. The others are dropped at once, and layers beyond the last one are not computed.
         keep_dtype
-            Of the result; that of the computation when ``None``.
+            Type of the result; the type of the computation when ``None``.
 
         Returns
         -------
         tokens
-            By layer: shape (S, special + patches, 2 C), after attention within frames beside that across frames.
+            Tokens by layer, shape (S, special + patches, 2 C): after attention within frames, beside those after
+            attention across frames.
         """
         tokens = self._first_tokens(images)
         frames, count, width = tokens.shape
@@ -71,7 +72,7 @@ class Aggregator(nn.Module):
             if layer in keep:
                 dtype = keep_dtype or tokens.dtype
                 kept[layer] = torch.cat([within.to(dtype), tokens.to(dtype)], dim=-1)
-            del within, across  # half a gigabyte that the next layer has no use for
+            del within, across  # half a gigabyte that the next layer does not need
         return kept
 
     def _first_tokens(self, images: Tensor) -> Tensor:

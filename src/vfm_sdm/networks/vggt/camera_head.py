@@ -32,12 +32,12 @@ class CameraHead(nn.Module):
         Parameters
         ----------
         camera_tokens
-            Shape (S, 2 C), of the aggregator's last layer.
+            Camera tokens of S frames after the aggregator's last layer, shape (S, 2 C) [1].
 
         Returns
         -------
         poses
-            Shape (iterations, S, 9); fields of view are cut at zero.
+            Shape (iterations, S, 9): translation [1], quaternion [1] and fields of view [rad], the latter cut at zero.
         """
         tokens = self.token_norm(camera_tokens.to(self.empty_pose_tokens.dtype)).unsqueeze(0)
         pose = self.empty_pose_tokens.expand(-1, tokens.shape[1], -1)
@@ -52,12 +52,28 @@ class CameraHead(nn.Module):
         return torch.stack(poses)
 
     def increment(self, tokens: Tensor, pose: Tensor) -> Tensor:
-        """Correction (1, S, 9) of a pose (1, S, 9) from normalised tokens (1, S, 2 C)."""
+        """Correction of the poses of S frames, shape (1, S, 9).
+
+        Parameters
+        ----------
+        tokens
+            Normalised camera tokens, shape (1, S, 2 C) [1].
+        pose
+            Poses so far, shape (1, S, 9).
+        """
         y: Tensor = self.pose_branch(self.trunk_norm(self.trunk(self.modulated(tokens, pose))))
         return y
 
     def modulated(self, tokens: Tensor, pose: Tensor) -> Tensor:
-        """Tokens (1, S, 2 C) shifted, scaled and gated by the pose so far (1, S, 9)."""
+        """Camera tokens of S frames shifted, scaled and gated by the poses so far, shape (1, S, 2 C).
+
+        Parameters
+        ----------
+        tokens
+            Normalised camera tokens, shape (1, S, 2 C) [1].
+        pose
+            Poses so far, shape (1, S, 9).
+        """
         shift, scale, gate = self.poseLN_modulation(self.embed_pose(pose)).chunk(3, dim=-1)
         y: Tensor = tokens + gate * (F.layer_norm(tokens, tokens.shape[-1:], eps=1e-6) * (1 + scale) + shift)
         return y

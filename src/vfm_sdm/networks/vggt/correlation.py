@@ -8,11 +8,29 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
 
-__all__ = ["correlate", "make_pyramid", "sample_linear"]
+__all__ = ["clamp_to", "correlate", "make_pyramid", "sample_linear"]
 
 
 def make_pyramid(features: Tensor, levels: int) -> list[Tensor]:
-    """Feature maps (S, h, w, C), and the same averaged over 2 x 2 cells, ``levels`` in all."""
+    """Feature maps, and the same averaged over ever more cells.
+
+    Parameters
+    ----------
+    features
+        Maps of S frames, shape (S, h, w, C) [1].
+    levels
+        Number of maps a frame; each averages 2 x 2 cells of the one before.
+
+    Returns
+    -------
+    pyramid
+        Shape (S, h / 2^level, w / 2^level, C) each.
+
+    Examples
+    --------
+    >>> [tuple(features.shape) for features in make_pyramid(torch.zeros(1, 8, 12, 3), 3)]
+    [(1, 8, 12, 3), (1, 4, 6, 3), (1, 2, 3, 3)]
+    """
     pyramid = [features]
     for _ in range(levels - 1):
         coarser = F.avg_pool2d(pyramid[-1].permute(0, 3, 1, 2), 2)
@@ -26,23 +44,30 @@ def correlate(pyramid: list[Tensor], tracks: Tensor, positions: Tensor, *, radiu
     Parameters
     ----------
     pyramid
-        Of `make_pyramid`: shape (S, h, w, C) each.
+        Maps of S frames (`make_pyramid`), shape (S, h, w, C) each [1].
     tracks
-        Features, shape (T, S, C).
+        Features of T tracks, shape (T, S, C) [1].
     positions
-        Column and row on the finest map, shape (T, S, 2).
+        Column and row on the finest map, shape (T, S, 2) [cells].
     radius
         Windows reach so many cells to each side.
 
     Returns
     -------
     correlation
-        Shape (T, S, levels x (2 radius + 1)^2), divided by the root of C; the column varies slowest. Zero outside.
+        Shape (T, S, levels x (2 radius + 1)^2) [1], divided by the root of C; the column varies slowest. Zero outside.
 
     Notes
     -----
     A product with an interpolated feature is the interpolation of products, and all cells of a window share one
     fraction, so that (2 radius + 2)^2 products make the window.
+
+    Examples
+    --------
+    >>> pyramid = make_pyramid(torch.ones(1, 8, 8, 4), 2)
+    >>> found = correlate(pyramid, torch.ones(1, 1, 4), torch.full((1, 1, 2), 3.5), radius=1)
+    >>> tuple(found.shape), found[0, 0, 4].item()
+    ((1, 1, 18), 2.0)
     """
     scaled = tracks / tracks.shape[-1] ** 0.5
     frames = torch.arange(positions.shape[1], device=positions.device)[:, None, None]
@@ -65,15 +90,42 @@ def correlate(pyramid: list[Tensor], tracks: Tensor, positions: Tensor, *, radiu
     return torch.cat(found, dim=-1)
 
 
+def clamp_to(positions: Tensor, rows: int, columns: int) -> Tensor:
+    """Columns and rows (..., 2) moved onto a grid of so many cells; NaN stays.
+
+    The limits are plain numbers: to bring a tensor of them to a GPU would wait for all that runs there.
+    """
+    column, row = positions.unbind(-1)
+    return torch.stack([column.clamp(0, columns - 1), row.clamp(0, rows - 1)], dim=-1)
+
+
 def sample_linear(features: Tensor, positions: Tensor) -> Tensor:
-    """Features (T, C) of one map (h, w, C) at columns and rows (T, 2), bilinear; outside, those of the border."""
-    limits = positions.new_tensor([features.shape[1] - 1, features.shape[0] - 1])
-    place = torch.minimum(positions.clamp(min=0), limits)
+    """Features of one map at places between its cells, bilinear.
+
+    Parameters
+    ----------
+    features
+        Map of one frame, shape (h, w, C) [1].
+    positions
+        Column and row, shape (T, 2) [cells]; outside the map, its border counts.
+
+    Returns
+    -------
+    sampled
+        Shape (T, C) [1].
+
+    Examples
+    --------
+    >>> features = torch.arange(4.0).reshape(2, 2, 1)
+    >>> sample_linear(features, torch.tensor([[0.5, 0.5]])).item()
+    1.5
+    """
+    place = clamp_to(positions, features.shape[0], features.shape[1])
     # A position that is not a number stays one, but no cell has such an index.
     corner = place.nan_to_num().floor()
     u, v = (place - corner).unsqueeze(-1).unbind(1)
     left, top = corner.long().unbind(1)
-    right, bottom = torch.minimum(corner + 1, limits).long().unbind(1)
+    right, bottom = clamp_to(corner + 1, features.shape[0], features.shape[1]).long().unbind(1)
     upper = (1 - u) * features[top, left] + u * features[top, right]
     lower = (1 - u) * features[bottom, left] + u * features[bottom, right]
     return (1 - v) * upper + v * lower

@@ -13,7 +13,15 @@ _EPSILON = 1e-6
 
 
 class ImageEncoder(nn.Module):
-    """Patch tokens of images, (S, 3, H, W) to (S, patches, C); images are normalised, sides multiples of the patch."""
+    """Patch tokens of images, (S, 3, H, W) to (S, patches, C); images are normalised, sides multiples of the patch.
+
+    References
+    ----------
+    .. [1] Oquab, M. et al. (2024). DINOv2: learning robust visual features without supervision. Transactions on Machine
+       Learning Research.
+    .. [2] Darcet, T., Oquab, M., Mairal, J., Bojanowski, P. (2024). Vision transformers need registers. International
+       Conference on Learning Representations.
+    """
 
     def __init__(self, config: VggtConfig) -> None:
         super().__init__()
@@ -30,7 +38,7 @@ class ImageEncoder(nn.Module):
         self.norm = nn.LayerNorm(width, eps=_EPSILON)
 
     def forward(self, images: Tensor) -> Tensor:
-        """Shape (S, 3, H, W) to (S, patches, C), patches row by row."""
+        """Patch tokens, shape (S, patches, C), of the images of S frames, shape (S, 3, H, W), row by row."""
         tokens = self.embed(images)
         for block in self.blocks:
             tokens = block(tokens)
@@ -38,7 +46,18 @@ class ImageEncoder(nn.Module):
         return y
 
     def embed(self, images: Tensor) -> Tensor:
-        """Tokens that enter the first block: class, registers, patches; shape (S, 1 + registers + patches, C)."""
+        """Tokens that enter the first block: class, registers, patches.
+
+        Parameters
+        ----------
+        images
+            Normalised images of S frames, shape (S, 3, H, W) [1].
+
+        Returns
+        -------
+        tokens
+            Shape (S, 1 + registers + patches, C) [1].
+        """
         patches = self.patch_embed(images)
         class_place, places = self._places(*patches.shape[-2:])
         count = len(images)
@@ -67,13 +86,13 @@ class ImageEncoder(nn.Module):
 
 
 class _PatchProjection(nn.Module):
-    """One token a patch."""
+    """One token of every patch."""
 
     def __init__(self, width: int, patch_size: int) -> None:
         super().__init__()
         self.proj = nn.Conv2d(3, width, patch_size, stride=patch_size)
 
     def forward(self, images: Tensor) -> Tensor:
-        """Shape (S, 3, H, W) to (S, C, rows, columns)."""
+        """Patches, shape (S, C, rows, columns), of the images of S frames, shape (S, 3, H, W)."""
         y: Tensor = self.proj(images)
         return y

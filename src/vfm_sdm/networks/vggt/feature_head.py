@@ -11,11 +11,16 @@ from vfm_sdm.networks.vggt.config import VggtConfig
 __all__ = ["FeatureHead"]
 
 _FRAMES = 8
-"""Frames at one time. They do not depend on each other; more of them only take more memory."""
+"""Frames that are computed at a time. They do not depend on each other; more of them only take more memory."""
 
 
 class FeatureHead(nn.Module):
-    """Feature maps of frames from four layers of the aggregator."""
+    """Feature maps of frames from four layers of the aggregator.
+
+    References ---------- .. [1] Ranftl, R., Bochkovskiy, A., Koltun, V. (2021). Vision transformers for dense
+    prediction. IEEE/CVF International
+       Conference on Computer Vision.
+    """
 
     def __init__(self, config: VggtConfig) -> None:
         super().__init__()
@@ -40,14 +45,14 @@ class FeatureHead(nn.Module):
         Parameters
         ----------
         tokens
-            By layer: shape (S, special + patches, 2 C).
+            Tokens of S frames by layer, shape (S, special + patches, 2 C) [1].
         image_size
             Height and width of the image [px].
 
         Returns
         -------
         features
-            Shape (S, features, H / 2, W / 2).
+            Shape (S, features, H / 2, W / 2) [1].
         """
         layers = [tokens[layer] for layer in self.config.feature_layers]
         # Never in reduced precision: positions are read off these maps to a fraction of a cell.
@@ -59,16 +64,30 @@ class FeatureHead(nn.Module):
         with torch.autocast(found.device.type, enabled=False):
             for start in range(0, len(found), _FRAMES):
                 few = slice(start, start + _FRAMES)
-                found[few] = self._few([layer[few].to(dtype) for layer in layers], image_size)
+                found[few] = self._map_frames([layer[few].to(dtype) for layer in layers], image_size)
         return found
 
-    def _few(self, layers: list[Tensor], image_size: tuple[int, int]) -> Tensor:
+    def _map_frames(self, layers: list[Tensor], image_size: tuple[int, int]) -> Tensor:
+        """Feature maps of a few frames, shape (S, features, H / 2, W / 2)."""
         height, width = image_size
         y: Tensor = self.scratch(self.maps(layers, image_size))
         return F.interpolate(y, size=(height // 2, width // 2), mode="bilinear", align_corners=True)
 
     def maps(self, layers: list[Tensor], image_size: tuple[int, int]) -> list[Tensor]:
-        """Maps (S, channels, rows, columns) of the four layers, at 4, 2, 1 and 1/2 cells a patch."""
+        """Maps of the four layers, at 4, 2, 1 and 1/2 cells a patch.
+
+        Parameters
+        ----------
+        layers
+            Tokens of S frames, shape (S, special + patches, 2 C) each [1].
+        image_size
+            Height and width of the image [px].
+
+        Returns
+        -------
+        maps
+            Shape (S, channels, rows, columns) each [1].
+        """
         patch = self.config.patch_size
         grid = (image_size[0] // patch, image_size[1] // patch)
         found = []
@@ -90,7 +109,10 @@ class _Fusion(nn.Module):
         self.levels = len(channels)
 
     def forward(self, maps: list[Tensor]) -> Tensor:
-        """Maps from fine to coarse; the result has twice the finest one's size."""
+        """One map from four, given from fine to coarse, shape (S, channels, rows, columns) each.
+
+        The result has twice the size of the finest one; S is the number of frames.
+        """
         reduced = [self.get_submodule(f"layer{level}_rn")(m) for level, m in enumerate(maps, start=1)]
         fused: Tensor | None = None
         for level in range(self.levels, 0, -1):
@@ -102,7 +124,7 @@ class _Fusion(nn.Module):
 
 
 class _FusionStep(nn.Module):
-    """A map joined with what comes from coarser ones, then enlarged."""
+    """A map joined with the sum of the coarser ones, then enlarged."""
 
     def __init__(self, features: int, *, joins: bool) -> None:
         super().__init__()
@@ -112,7 +134,7 @@ class _FusionStep(nn.Module):
         self.resConfUnit2 = _ResidualUnit(features)
 
     def forward(self, own: Tensor, coarser: Tensor | None, *, size: list[int]) -> Tensor:
-        """Shape (S, features, rows, columns) to this ``size``."""
+        """Maps of S frames, shape (S, features, rows, columns), joined with coarser ones and enlarged to ``size``."""
         joined = own if coarser is None else coarser + self.resConfUnit1(own)
         enlarged = F.interpolate(self.resConfUnit2(joined), size=size, mode="bilinear", align_corners=True)
         y: Tensor = self.out_conv(enlarged)
@@ -128,7 +150,7 @@ class _ResidualUnit(nn.Module):
         self.conv2 = nn.Conv2d(features, features, 3, padding=1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Shape (S, features, rows, columns), unchanged."""
+        """Maps of S frames, shape (S, features, rows, columns), to the same shape."""
         rectified = F.relu(x)
         y: Tensor = rectified + self.conv2(F.relu(self.conv1(rectified)))
         return y

@@ -10,7 +10,13 @@ __all__ = ["Block", "Mlp", "SelfAttention"]
 
 
 class Mlp(nn.Module):
-    """Two linear layers with the exact GELU between them."""
+    """Two linear layers with the exact GELU between them.
+
+    Examples
+    --------
+    >>> tuple(Mlp(4, 8, 2)(torch.zeros(3, 4)).shape)
+    (3, 2)
+    """
 
     def __init__(self, channels: int, hidden: int, out: int | None = None) -> None:
         super().__init__()
@@ -18,7 +24,7 @@ class Mlp(nn.Module):
         self.fc2 = nn.Linear(hidden, out or channels)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Shape (..., channels) to (..., out)."""
+        """Tokens of frames, shape (..., channels), to shape (..., out) [1]."""
         y: Tensor = self.fc2(F.gelu(self.fc1(x)))
         return y
 
@@ -29,7 +35,7 @@ class SelfAttention(nn.Module):
     Parameters
     ----------
     channels, heads
-        Of the tokens; every head has ``channels / heads``.
+        Channels of the tokens, and number of heads; every head has ``channels / heads``.
     normalize
         Whether queries and keys are layer-normalised within a head.
     """
@@ -45,7 +51,15 @@ class SelfAttention(nn.Module):
         self.proj = nn.Linear(channels, channels)
 
     def forward(self, x: Tensor, rotary: RotaryTable | None = None) -> Tensor:
-        """Tokens after attention; ``rotary`` turns queries and keys by the place of their patch."""
+        """Tokens after attention.
+
+        Parameters
+        ----------
+        x
+            Tokens of frames, shape (B, N, C) [1].
+        rotary
+            Turns queries and keys by the place of their patch.
+        """
         query, key, value = self.qkv(x).unflatten(2, (3, self.heads, -1)).permute(2, 0, 3, 1, 4)
         if self.normalize:
             query, key = self.q_norm(query), self.k_norm(key)
@@ -66,7 +80,7 @@ class LayerScale(nn.Module):
         self.gamma = nn.Parameter(torch.ones(channels))
 
     def forward(self, x: Tensor, branch: Tensor) -> Tensor:
-        """``x + gamma branch``, shapes (..., channels), in one pass over memory."""
+        """``x + gamma branch`` for tokens of frames, shapes (..., channels) [1], in one pass over memory."""
         return torch.addcmul(x, branch.to(x.dtype), self.gamma)
 
 
@@ -78,7 +92,7 @@ class Block(nn.Module):
     channels, heads
         As in `SelfAttention`.
     epsilon
-        Of the layer norms: 1e-6 in the encoder, 1e-5 elsewhere.
+        Smallest variance of the layer norms [1]: 1e-6 in the encoder, 1e-5 elsewhere.
     normalize
         As in `SelfAttention`.
     """
@@ -93,7 +107,15 @@ class Block(nn.Module):
         self.ls2 = LayerScale(channels)
 
     def forward(self, x: Tensor, rotary: RotaryTable | None = None) -> Tensor:
-        """Tokens after the block."""
+        """Tokens after the block.
+
+        Parameters
+        ----------
+        x
+            Tokens of frames, shape (B, N, C) [1].
+        rotary
+            As in `SelfAttention.forward`.
+        """
         x = self.ls1(x, self.attn(self.norm1(x), rotary))
         y: Tensor = self.ls2(x, self.mlp(self.norm2(x)))
         return y

@@ -13,7 +13,7 @@ from vfm_sdm.networks.vggt.tracker import PointTracker, PointTracks
 __all__ = ["HEADS", "Vggt"]
 
 HEADS = ("camera_head", "track_head", "depth_head", "point_head")
-"""Prefixes of the checkpoints' parameters beside the aggregator; the last two are of no use here and never built."""
+"""Prefixes of the checkpoints' parameters beside the aggregator; heads of the last two are never built here."""
 
 
 class Vggt(nn.Module):
@@ -25,6 +25,10 @@ class Vggt(nn.Module):
         Sizes.
     camera, track
         Whether to build the camera head and the tracking head.
+
+    References ---------- .. [1] Wang, J., Chen, M., Karaev, N., Vedaldi, A., Rupprecht, C., Novotny, D. (2025). VGGT:
+    visual geometry grounded
+       transformer. IEEE/CVF Conference on Computer Vision and Pattern Recognition.
     """
 
     def __init__(self, config: VggtConfig | None = None, *, camera: bool = True, track: bool = True) -> None:
@@ -67,7 +71,7 @@ class Vggt(nn.Module):
         Parameters
         ----------
         images
-            As in `estimate_poses`.
+            RGB in 0 .. 1, shape (S, 3, H, W).
 
         Raises
         ------
@@ -87,7 +91,20 @@ class Vggt(nn.Module):
         return maps
 
     def track(self, images: Tensor, queries: Tensor) -> PointTracks:
-        """Tracks of points of the first frame; arguments as in `features` and `PointTracker.forward`."""
+        """Tracks of points of the first frame.
+
+        Parameters
+        ----------
+        images
+            RGB in 0 .. 1, shape (S, 3, H, W).
+        queries
+            Column and row in the first frame, shape (G, N, 2) [px], as in `PointTracker.forward`.
+
+        Raises
+        ------
+        DatasetError
+            The images' shape does not fit.
+        """
         tracks: PointTracks = self.track_head.tracker(self.features(images), queries)
         return tracks
 

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray
 
 __all__ = ["FOV", "POSE_SIZE", "decode_pose", "encode_pose"]
 
@@ -19,7 +19,7 @@ def decode_pose(poses: FloatArray, image_size: tuple[int, int]) -> tuple[FloatAr
     Parameters
     ----------
     poses
-        Shape (S, 9); fields of view in radians, quaternions of any length.
+        Pose vectors of S frames, shape (S, 9): translation [1], quaternion of any length [1], fields of view [rad].
     image_size
         Width and height of the network's image [px].
 
@@ -30,6 +30,13 @@ def decode_pose(poses: FloatArray, image_size: tuple[int, int]) -> tuple[FloatAr
     intrinsics
         Shape (S, 3, 3) [px], **the image's corner at (0, 0)**, so that the principal point is half the size. The focal
         length is NaN where the field of view is not between 0 and pi.
+
+    Examples
+    --------
+    >>> pose = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, np.pi / 2, np.pi / 2]])
+    >>> cam_from_world, intrinsics = decode_pose(pose, (518, 518))
+    >>> cam_from_world[0].tolist(), round(float(intrinsics[0, 0, 0]), 6)
+    ([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]], 259.0)
     """
     poses = np.asarray(poses, dtype=np.float64)
     width, height = image_size
@@ -48,7 +55,28 @@ def decode_pose(poses: FloatArray, image_size: tuple[int, int]) -> tuple[FloatAr
 
 
 def encode_pose(cam_from_world: FloatArray, intrinsics: FloatArray, image_size: tuple[int, int]) -> FloatArray:
-    """Pose vectors (S, 9) of cameras; arguments as `decode_pose` returns them. The quaternion's w is not negative."""
+    """Pose vectors of cameras: the inverse of `decode_pose`.
+
+    Parameters
+    ----------
+    cam_from_world
+        Shape (S, 3, 4); x right, y down, z forward.
+    intrinsics
+        Shape (S, 3, 3) [px], the image's corner at (0, 0).
+    image_size
+        Width and height of the network's image [px].
+
+    Returns
+    -------
+    poses
+        Shape (S, 9), fields of view in radians; the quaternion's w is not negative.
+
+    Examples
+    --------
+    >>> K = np.array([[[259.0, 0.0, 259.0], [0.0, 259.0, 259.0], [0.0, 0.0, 1.0]]])
+    >>> encode_pose(np.eye(3, 4)[None], K, (518, 518)).round(4).tolist()
+    [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.5708, 1.5708]]
+    """
     width, height = image_size
     quaternion = Rotation.from_matrix(cam_from_world[:, :, :3]).as_quat(canonical=True)
     focal = np.stack([intrinsics[:, 1, 1], intrinsics[:, 0, 0]], axis=1)

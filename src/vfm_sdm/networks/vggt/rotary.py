@@ -24,9 +24,28 @@ def turns(positions: Tensor, channels: int) -> RotaryTable:
     Parameters
     ----------
     positions
-        Row and column of every token, shape (..., 2).
+        Row and column of every token, shape (..., 2) [patches].
     channels
-        Of a head. The first half turns with the row, the second with the column, by ``channels / 4`` frequencies each.
+        Channels of a head. The first half turns with the row by ``channels / 4`` angles [rad], the second with the
+        column.
+
+    Returns
+    -------
+    table
+        Cosines and sines, shape (..., 2, channels / 4) [1].
+
+    References
+    ----------
+    .. [1] Su, J., Lu, Y., Pan, S., Murtadha, A., Wen, B., Liu, Y. (2021). RoFormer: enhanced transformer with rotary
+       position embedding. arXiv:2104.09864.
+    .. [2] Heo, B., Park, S., Han, D., Yun, S. (2024). Rotary position embedding for vision transformer. European
+       Conference on Computer Vision.
+
+    Examples
+    --------
+    >>> table = turns(torch.tensor([[0, 0], [1, 2]]), 8)
+    >>> tuple(table.cosines.shape), table.cosines[0].tolist()
+    ((2, 2, 2), [[1.0, 1.0], [1.0, 1.0]])
     """
     # In single precision whatever the network's, as the published network does.
     count = channels // 4
@@ -39,7 +58,24 @@ def turns(positions: Tensor, channels: int) -> RotaryTable:
 def rotary_table(
     rows: int, columns: int, *, special: int, channels: int, device: torch.device, dtype: torch.dtype
 ) -> RotaryTable:
-    """Table of a frame's tokens: ``special`` ones at (0, 0), then the patches row by row from (1, 1)."""
+    """Table of a frame's tokens: the special ones at (0, 0), then the patches row by row from (1, 1).
+
+    Parameters
+    ----------
+    rows, columns
+        Patches of a frame along its sides.
+    special
+        Number of tokens that belong to no patch.
+    channels
+        Channels of a head.
+    device, dtype
+        Where the table lies, and its type.
+
+    Returns
+    -------
+    table
+        Cosines and sines, shape (special + rows x columns, 2, channels / 4) [1].
+    """
     with torch.inference_mode(False):  # the table outlives the mode of the first one who asks for it
         grid = torch.cartesian_prod(torch.arange(rows, device=device), torch.arange(columns, device=device)) + 1
         places = torch.cat([torch.zeros(special, 2, device=device, dtype=grid.dtype), grid.reshape(-1, 2)])
@@ -53,13 +89,19 @@ def rotate(x: Tensor, table: RotaryTable) -> Tensor:
     Parameters
     ----------
     x
-        Shape (batch, heads, frames x tokens, channels), frame after frame.
+        Shape (batch, heads, frames x tokens, channels) [1], frame after frame.
     table
-        Of the tokens of one frame; the same for all.
+        Table of the tokens of one frame; it is the same for all frames.
 
     Notes
     -----
     Within each half of the channels, channel j is turned against channel ``j + channels / 4``.
+
+    Examples
+    --------
+    >>> table = turns(torch.tensor([[0, 0]]), 4)
+    >>> rotate(torch.ones(1, 1, 1, 4), table).flatten().tolist()
+    [1.0, 1.0, 1.0, 1.0]
     """
     tokens, _, count = table.cosines.shape[-3:]
     first, second = x.unflatten(-1, (2, 2, count)).unflatten(2, (-1, tokens)).unbind(-2)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from vfm_sdm.networks.vggt.config import VggtConfig
-from vfm_sdm.networks.vggt.correlation import correlate, make_pyramid, sample_linear
+from vfm_sdm.networks.vggt.correlation import clamp_to, correlate, make_pyramid, sample_linear
 from vfm_sdm.networks.vggt.layers import Mlp
 from vfm_sdm.networks.vggt.updates import UpdateTransformer
 
@@ -15,9 +15,9 @@ __all__ = ["PointTracker", "PointTracks"]
 _STRIDE = 2
 """Image pixels a cell of the feature map."""
 _LONGEST_SIDE = 518
-"""Displacements enter divided by it, too [cells]."""
+"""Length by which displacements are divided where they enter as numbers [cells]."""
 _HIGHEST_FREQUENCY = 1000.0
-"""Of the displacement's embedding [rad a cell]."""
+"""Highest frequency of the displacement's embedding [rad a cell]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,14 @@ class PointTracks:
 
 
 class PointTracker(nn.Module):
-    """Iterative tracker on feature maps."""
+    """Iterative tracker on feature maps.
+
+    References ---------- .. [1] Wang, J., Chen, M., Karaev, N., Vedaldi, A., Rupprecht, C., Novotny, D. (2025). VGGT:
+    visual geometry grounded
+       transformer. IEEE/CVF Conference on Computer Vision and Pattern Recognition.
+    .. [2] Karaev, N., Rocco, I., Graham, B., Neverova, N., Vedaldi, A., Rupprecht, C. (2024). CoTracker: it is better
+       to track together. European Conference on Computer Vision.
+    """
 
     def __init__(self, config: VggtConfig) -> None:
         super().__init__()
@@ -60,7 +67,7 @@ class PointTracker(nn.Module):
         Parameters
         ----------
         features
-            Of `vfm_sdm.networks.vggt.feature_head.FeatureHead`, shape (S, features, H / 2, W / 2).
+            Maps of `vfm_sdm.networks.vggt.feature_head.FeatureHead`, shape (S, features, H / 2, W / 2) [1].
         queries
             Column and row in the first frame, shape (G, N, 2) [px]. The N points of a group see each other through the
             virtual tracks; groups are as if run alone.
@@ -74,7 +81,7 @@ class PointTracker(nn.Module):
         constant = self._constant_input(start, maps.shape[1:3], len(maps))
         history = []
         for _ in range(self.config.track_iterations):
-            update = self.updateformer(self._seen(pyramid, tracks, positions) + constant).to(positions.dtype)
+            update = self.updateformer(self._gather_input(pyramid, tracks, positions) + constant).to(positions.dtype)
             tracks = tracks + self._feature_update(update[..., 2:])
             positions = positions + update[..., :2]
             positions[:, :, 0] = start
@@ -85,7 +92,7 @@ class PointTracker(nn.Module):
         )
         return PointTracks(torch.stack(history), visibility, confidence)
 
-    def _seen(self, pyramid: list[Tensor], tracks: Tensor, positions: Tensor) -> Tensor:
+    def _gather_input(self, pyramid: list[Tensor], tracks: Tensor, positions: Tensor) -> Tensor:
         """Input that changes with the iterations, shape (G, N, S, input channels)."""
         windows = correlate(pyramid, tracks.flatten(0, 1), positions.flatten(0, 1), radius=self.config.radius)
         likeness = self.corr_mlp(windows).unflatten(0, tracks.shape[:2]).to(tracks.dtype)
@@ -112,18 +119,23 @@ def embed_flow(flow: Tensor, channels: int) -> Tensor:
     Parameters
     ----------
     flow
-        Shape (..., 2) [cells].
+        Displacements from the first frame, shape (..., 2) [cells].
     channels
-        A component: sine and cosine in turn, of ``channels / 2`` evenly spaced frequencies from zero.
+        Channels of a component: sine and cosine in turn, of ``channels / 2`` evenly spaced frequencies from zero.
 
     Returns
     -------
     embedded
-        Shape (..., 2 channels): columns, then rows.
+        Shape (..., 2 channels) [1]: columns, then rows.
 
     Notes
     -----
     The highest frequency turns a millionth of a cell into a thousandth: the iterations amplify rounding.
+
+    Examples
+    --------
+    >>> embed_flow(torch.zeros(1, 2), 4).tolist()
+    [[0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0]]
     """
     steps = torch.arange(0, channels, 2, device=flow.device, dtype=torch.float32)
     angles = flow.unsqueeze(-1) * (steps * (_HIGHEST_FREQUENCY / channels)).to(flow.dtype)
@@ -140,19 +152,28 @@ def embed_place(positions: Tensor, size: tuple[int, int], channels: int) -> Tens
     size
         Rows and columns of the grid.
     channels
-        First half for the column, second for the row.
+        Channels of the embedding: the first half for the column, the second for the row.
+
+    Returns
+    -------
+    embedded
+        Shape (..., channels) [1].
+
+    Examples
+    --------
+    >>> embed_place(torch.zeros(1, 2), (4, 6), 8).tolist()
+    [[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]]
     """
     count = channels // 4
     steps = torch.arange(count, device=positions.device, dtype=torch.float32)
     frequencies = 10000.0 ** (-steps / count)
-    limits = positions.new_tensor([size[1] - 1, size[0] - 1])
-    place = torch.minimum(positions.clamp(min=0), limits)
+    place = clamp_to(positions, *size)
     corner = place.floor()
     fraction = (place - corner).unsqueeze(-1)
 
-    def at(cells: Tensor) -> Tensor:
+    def embed(cells: Tensor) -> Tensor:
         angles = cells.float().unsqueeze(-1) * frequencies
         return torch.cat([angles.sin(), angles.cos()], dim=-1).to(positions.dtype)
 
-    table = (1 - fraction) * at(corner) + fraction * at(torch.minimum(corner + 1, limits))
+    table = (1 - fraction) * embed(corner) + fraction * embed(clamp_to(corner + 1, *size))
     return table.flatten(-2)

@@ -21,9 +21,13 @@ class UpdateTransformer(nn.Module):
     config
         Sizes.
     channels
-        Of the input.
+        Channels of the input.
     out
         Channels of the correction.
+
+    References ---------- .. [1] Karaev, N., Rocco, I., Graham, B., Neverova, N., Vedaldi, A., Rupprecht, C. (2024).
+    CoTracker: it is better to
+       track together. European Conference on Computer Vision.
     """
 
     def __init__(self, config: VggtConfig, channels: int, out: int) -> None:
@@ -47,12 +51,13 @@ class UpdateTransformer(nn.Module):
         Parameters
         ----------
         x
-            Shape (G, N, S, channels): groups that do not see each other, points of a group that do, frames.
+            What was seen, shape (G, N, S, channels) [1]: G groups that do not see each other, N points of a group that
+            do, S frames.
 
         Returns
         -------
         corrections
-            Shape (G, N, S, out).
+            Shape (G, N, S, out) [cells, 1].
         """
         groups, points, frames, _ = x.shape
         start = self.input_transform(self.input_norm(x))
@@ -84,7 +89,7 @@ class _Attention(nn.Module):
         self.out_proj = nn.Linear(channels, channels)
 
     def forward(self, x: Tensor, context: Tensor | None = None) -> Tensor:
-        """Tokens (B, N, C) attending to a context (B, M, C), or to themselves."""
+        """Tokens of frames, shape (B, N, C), that attend to a context, shape (B, M, C), or to themselves."""
         channels = x.shape[-1]
         weight, bias = self.in_proj_weight, self.in_proj_bias
         if context is None:
@@ -108,7 +113,7 @@ class _SelfBlock(nn.Module):
         self.mlp = Mlp(channels, 4 * channels)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Tokens (B, N, C), unchanged in shape."""
+        """Tokens of frames, shape (B, N, C), to the same shape."""
         x = self.norm1(x)
         x = x + self.attn(x)
         y: Tensor = x + self.mlp(self.norm2(x))
@@ -116,7 +121,7 @@ class _SelfBlock(nn.Module):
 
 
 class _CrossBlock(nn.Module):
-    """The same, attending to other tokens."""
+    """Attention to other tokens and MLP, with the same shortcut as in `_SelfBlock`."""
 
     def __init__(self, channels: int, heads: int) -> None:
         super().__init__()
@@ -127,7 +132,7 @@ class _CrossBlock(nn.Module):
         self.mlp = Mlp(channels, 4 * channels)
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
-        """Tokens (B, N, C) that attend to (B, M, C)."""
+        """Tokens of frames, shape (B, N, C), that attend to others, shape (B, M, C)."""
         x = self.norm1(x)
         x = x + self.cross_attn(x, self.norm_context(context))
         y: Tensor = x + self.mlp(self.norm2(x))

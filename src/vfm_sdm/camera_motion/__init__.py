@@ -1,5 +1,0 @@
-"""Small motion of the cameras themselves, found by points that stand still and removed from all tracks."""
-
-from vfm_sdm.camera_motion.removal import CAMERA_MOTION_STATUSES, CameraMotion, ViewMotion, remove_camera_motion
-
-__all__ = ["CAMERA_MOTION_STATUSES", "CameraMotion", "ViewMotion", "remove_camera_motion"]

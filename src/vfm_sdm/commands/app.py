@@ -1,0 +1,329 @@
+"""The command ``vfm-sdm``: each command parses, calls one library function, and prints a short summary."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal, NoReturn
+
+import cyclopts
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.prompt import Confirm
+
+from vfm_sdm import __version__
+from vfm_sdm.analysis.evaluation import evaluate_run, read_sensors, write_evaluation, write_reference
+from vfm_sdm.commands import tables as reports
+from vfm_sdm.commands.demo import run_demo
+from vfm_sdm.commands.environment import describe_environment
+from vfm_sdm.core.progress import Progress as Callback
+from vfm_sdm.core.registry import find
+from vfm_sdm.errors import DatasetError, VfmSdmError
+from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings
+from vfm_sdm.inputs.session import read_session
+from vfm_sdm.measurement import Measurement, measure
+from vfm_sdm.networks.checkpoints import CHECKPOINTS
+from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
+from vfm_sdm.outputs.results import write_export
+from vfm_sdm.studies.protocol import run_benchmark
+from vfm_sdm.studies.synthetic.presets import PRESETS, PresetName
+
+__all__ = ["app", "main"]
+
+app = cyclopts.App(
+    name="vfm-sdm",
+    help="Structural displacement in millimetres from two ordinary cameras and one measured length.",
+    version=__version__,
+)
+
+weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundation models: list and fetch them.")
+app.command(weights)
+
+_SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
+_Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]
+
+_out = Console()
+_err = Console(stderr=True)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Entry point: runs a command; an expected error ends with status 1 and its message alone.
+
+    Parameters
+    ----------
+    words
+        The command line without the program's name; that of the process when ``None``.
+    """
+    try:
+        app(words)
+    except VfmSdmError as error:
+        _err.print(f"vfm-sdm: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        _err.print("vfm-sdm: interrupted; finished stages are kept and the next run reuses them")
+        sys.exit(130)
+
+
+@app.command
+def demo(output: Annotated[Path, Parameter(help="Folder to write to.")] = Path("vfm-sdm-demo")) -> None:
+    """Make a synthetic recording of a footbridge, measure it, and compare with the truth."""
+    with _progress() as progress:
+        result = run_demo(output, progress=progress)
+    for part in reports.measurement_report(result.measurement):
+        _out.print(part)
+    if result.evaluation is not None:
+        _out.print(reports.evaluation_table(result.evaluation))
+    _say(f"written: {result.run_folder} (figures in {result.run_folder / 'figures'})")
+
+
+@app.command(name="measure")
+def measure_command(
+    session: _SessionFile,
+    *,
+    output: _Output,
+    export: Annotated[
+        tuple[str, ...],
+        Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
+    ] = (),
+    whole_files: Annotated[
+        bool, Parameter(negative="", help="Hash large recordings as a whole, not by size, time stamp and samples.")
+    ] = False,
+) -> None:
+    """Measure a session: from recordings to displacement in millimetres, with figures and summary.
+
+    Finished stages in the run folder are reused unless their inputs changed.
+    """
+    settings = read_session(session)
+    for form in export:
+        find("writers", form)  # before any work is done
+    with _progress() as progress:
+        result = measure(settings, output, progress=progress, whole_files=whole_files)
+    for part in reports.measurement_report(result):
+        _out.print(part)
+    _say(f"written: {output} (figures in {output / 'figures'})")
+    if result.displacement is None:
+        _fail(f"no displacement: {result.cameras.status}")
+    for form in export:
+        _say(f"written: {write_export(form, output, result.displacement)}")
+
+
+@app.command
+def cameras(session: _SessionFile, *, output: _Output) -> None:
+    """Only cameras, axes and the points' places in every view: writes cameras.toml."""
+    settings = read_session(session)
+    with _progress() as progress:
+        solution = Measurement(settings, output, progress=progress).cameras
+    for part in reports.camera_report(solution):
+        _out.print(part)
+    _say(f"written: {output / 'cameras.toml'}")
+
+
+@app.command
+def track(session: _SessionFile, *, output: _Output) -> None:
+    """Follow the points in every view: writes cameras.toml and tracks.nc. Works with a single view, too."""
+    settings = read_session(session)
+    with _progress() as progress:
+        tracks = Measurement(settings, output, progress=progress).tracks
+    _out.print(reports.track_table(tracks))
+    _say(f"written: {output / 'tracks.nc'}")
+
+
+@app.command
+def displacement(session: _SessionFile, *, output: _Output) -> None:
+    """Triangulate finished tracks: writes displacement.nc and displacement.csv."""
+    settings = read_session(session)
+    with _progress() as progress:
+        measurement = Measurement(settings, output, progress=progress)
+        result = measurement.displacement
+    if result is None:
+        _fail(f"no displacement: {measurement.cameras.status}")
+    _out.print(reports.displacement_table(result))
+    _say(f"written: {output / 'displacement.nc'}, {output / 'displacement.csv'}")
+
+
+@app.command
+def reference(
+    *files: Annotated[Path, Parameter(help="CSV files, one a sensor, recorded on one clock.")],
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="File to write, such as reference.nc.")],
+    sensor: Annotated[tuple[str, ...], Parameter(help="Name of the sensor in each file; that of the file else.")] = (),
+    column: Annotated[
+        tuple[str, ...],
+        Parameter(
+            help="Which column holds what, such as vertical=-az or time=t; again for each. A - reverses the sign."
+        ),
+    ] = (),
+    units: Annotated[Literal["g", "m/s2", "mm", "m"], Parameter(help="Of the files' values.")] = "g",
+    rate: Annotated[float | None, Parameter(help="Samples a second, for files without a time column.")] = None,
+    onset: Annotated[float | None, Parameter(help="When the motion begins on the sensor's clock, in seconds.")] = None,
+    band: Annotated[tuple[float, float], Parameter(help="Lowest and highest frequency in Hz.")] = (1.0, 10.0),
+    integration: Annotated[Literal["trapezoid", "spline"], Parameter(help="Rule of integration.")] = "trapezoid",
+) -> None:
+    """Accelerometers' recordings to reference displacement, by the paper's recipe: writes a netCDF file.
+
+    Recordings of displacement (units mm or m) are taken as they are.
+    """
+    result = read_sensors(
+        files,
+        sensors=sensor,
+        columns=_named(column, "--column") or None,
+        units=units,
+        sampling_rate_hz=rate,
+        settings=RecipeSettings(onset_s=onset, band_hz=band, integration=integration),
+    )
+    _out.print(reports.reference_table(result))
+    _say(f"written: {write_reference(output, result)}")
+
+
+@app.command
+def evaluate(
+    run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
+    against: Annotated[
+        Path, Parameter(help="truth.nc, a file of `vfm-sdm reference`, or a sensor's CSV file that the session names.")
+    ],
+    *,
+    pair: Annotated[tuple[str, ...], Parameter(help="point=sensor; again for each. Those of the session else.")] = (),
+    axis: Annotated[tuple[str, ...], Parameter(help="Axis to compare; again for each.")] = ("lateral", "vertical"),
+    band: Annotated[tuple[float, float] | None, Parameter(help="Filter both to these frequencies in Hz.")] = None,
+    synchronize: Annotated[
+        bool | None, Parameter(help="Estimate the lag of the reference's clock; left out, only of sensors.")
+    ] = None,
+    search: Annotated[float, Parameter(help="Seconds around --start-lag in which the lag is searched.")] = 5.0,
+    start_lag: Annotated[float, Parameter(help="Lag of the reference in seconds, as far as it is known.")] = 0.0,
+) -> None:
+    """Compare a measurement with a reference: prints the figures and writes evaluation.json into the run folder."""
+    result = evaluate_run(
+        run,
+        against,
+        pairs=_named(pair, "--pair") or None,
+        axes=axis,
+        band_hz=band,
+        synchronize=synchronize,
+        search_s=search,
+        start_lag_s=start_lag,
+    )
+    _out.print(reports.evaluation_table(result))
+    for note in result.notes:
+        _out.print(f"note: {note}", style="yellow", markup=False, highlight=False)
+    _say(f"written: {write_evaluation(run, result)}")
+    if not result.scored_rows:
+        _fail(f"no figures: {result.notes[-1]}")
+
+
+@app.command(name="benchmark")
+def benchmark_command(
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Folder to write to.")],
+    size: Annotated[
+        Literal["small", "full"], Parameter(help="small: minutes; full: 4K, 16 s, an hour or two.")
+    ] = "small",
+    data: Annotated[tuple[PresetName, ...], Parameter(help="Field tests; all when left out.")] = PRESETS,
+    sensitivity: Annotated[bool, Parameter(help="Also study how errors grow as conditions get worse.")] = True,
+) -> None:
+    """The paper's protocol on virtual field tests: every table and figure, against truth and accelerometers.
+
+    What is finished in the folder is not done again, so a run that was cut short goes on where it was.
+    """
+    with _progress() as progress:
+        result = run_benchmark(output, size=size, names=data, sensitivity=sensitivity, progress=progress)
+    for table in reports.benchmark_tables(result):
+        _out.print(table)
+    _say(f"written: {output / 'README.md'}, tables and figures beside it; {result.seconds / 60:.1f} min")
+
+
+@weights.command(name="list")
+def list_weights() -> None:
+    """Every checkpoint: its network, size and licence, and where it lies or how to fetch it."""
+    _say(f"weights in {weights_folder()}")
+    _out.print(reports.weights_table())
+
+
+@weights.command
+def fetch(
+    name: Annotated[str, Parameter(help="As `vfm-sdm weights list` names it.")],
+    *,
+    accept_licence: Annotated[
+        bool, Parameter(negative="", help="Acknowledge the licence of these weights; remembered.")
+    ] = False,
+) -> None:
+    """Download a checkpoint after its licence was acknowledged; a download cut short leaves nothing behind."""
+    accepted = accept_licence or _acknowledged(name)
+    with _progress() as progress:
+        path = fetch_weights(
+            name,
+            accept_licence=accepted,
+            progress=lambda what, done, total: progress(
+                f"{what}, MB", done // 10**6, None if total is None else total // 10**6
+            ),
+        )
+    _say(f"here: {path}")
+
+
+@app.command
+def info() -> None:
+    """Versions, processors, codecs, and which back ends can run here and why others cannot."""
+    for name, lines in describe_environment().items():
+        _out.print(f"[bold]{name}[/bold]")
+        for line in lines:
+            _say(f"  {line}")
+
+
+def _acknowledged(name: str) -> bool:
+    """Asks for the licence where a person can answer and has not yet done so."""
+    if is_licence_accepted(name) or local_weights(name).is_file() or not sys.stdin.isatty():
+        return False
+    one = CHECKPOINTS[name]
+    for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
+        _err.print(line, markup=False, highlight=False)
+    return Confirm.ask("Have you read this licence, and do you accept it?", console=_err, default=False)
+
+
+def _say(line: str) -> None:
+    """Prints a line as it is: the terminal's edge breaks no path, and brackets in it are no markup."""
+    _out.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _fail(reason: str) -> NoReturn:
+    """Ends with status 3: the input was right, the data did not allow a result."""
+    _err.print(f"vfm-sdm: {reason}", style="red", markup=False, highlight=False, soft_wrap=True)
+    sys.exit(3)
+
+
+def _named(words: Sequence[str], option: str) -> dict[str, str]:
+    """Name and value of every ``name=value``."""
+    named: dict[str, str] = {}
+    for word in words:
+        name, found, value = word.partition("=")
+        if not (name and found and value) or name in named:
+            raise DatasetError(f"{option}: expected name=value, each name once, got {word!r}; correct it")
+        named[name] = value
+    return named
+
+
+@contextmanager
+def _progress() -> Iterator[Callback]:
+    """A progress bar on the terminal, one line for each thing done; silent where output is not a terminal."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=_err, transient=True) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def show(what: str, done: int, total: int | None) -> None:
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=total)
+            bars.update(tasks[what], completed=done, total=total)
+
+        yield show

@@ -1,0 +1,284 @@
+"""What a command prints: short tables that can be read on a windy bank."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+from rich import box
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from vfm_sdm.analysis.evaluation import Evaluation, EvaluationRow
+from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
+from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, Verdict
+from vfm_sdm.measurement import Measurement
+from vfm_sdm.networks.checkpoints import CHECKPOINTS
+from vfm_sdm.networks.weights import local_weights
+from vfm_sdm.outputs.results import summarize_displacement
+from vfm_sdm.stages.audit import Audit
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
+
+if TYPE_CHECKING:
+    from vfm_sdm.studies.protocol import Benchmark
+    from vfm_sdm.studies.protocol import Table as ProtocolTable
+
+__all__ = [
+    "audit_report",
+    "benchmark_tables",
+    "budget_table",
+    "camera_report",
+    "displacement_table",
+    "evaluation_table",
+    "measurement_report",
+    "reference_table",
+    "track_table",
+    "weights_table",
+]
+
+
+_CASE_COLUMNS = 3
+_WORTH_SAYING_S = 0.05
+_SUMMARY_ROWS = 2
+"""Mean and standard deviation, at the end of a table."""
+
+
+def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
+    """Cameras, displacement, recordings' faults and the time taken."""
+    yield from camera_report(measurement.cameras, notes=False)
+    if measurement.displacement is not None:
+        yield displacement_table(measurement.displacement)
+        if "uncertainty" in measurement.displacement:
+            yield budget_table(measurement.displacement)
+        if measurement.displacement.attrs["frame"] == "reference camera":
+            yield Text(
+                "Axes: those of the reference camera (right, down, forward). For lateral, vertical and longitudinal "
+                "measure site.perpendicular_distance and site.longitudinal_distance.",
+                style="yellow",
+            )
+    for note in measurement.summary["notes"]:
+        yield Text(f"note: {note}", style="yellow")
+    reused = measurement.summary["reused_stages"]
+    if reused:
+        yield Text(f"reused from the run folder: {', '.join(reused)}")
+    seconds = measurement.summary["seconds"]
+    yield Text("time: " + ", ".join(f"{n} {s:.1f} s" for n, s in seconds.items() if s > _WORTH_SAYING_S))
+    if measurement.audit is not None:
+        yield from audit_report(measurement.audit)
+
+
+def audit_report(audit: Audit) -> Iterator[RenderableType]:
+    """What did not pass or could not be checked, a paragraph each, and the verdict in the last line."""
+    yield Text("Audit", style="italic")
+    unchecked = [check for check in audit.checks if check.outcome is Outcome.NOT_POSSIBLE]
+    for check in (*audit.flagged, *unchecked):
+        style = {Outcome.FAIL: "red", Outcome.CAUTION: "yellow"}.get(check.outcome, "")
+        shown = ""
+        if np.isfinite(check.value):
+            units = "" if check.units in ("", "1") else f" {check.units}"
+            shown = f" {check.value:.3g}{units} (limit {check.limit:.3g}{units})"
+        yield Text(f" {check.outcome}: {check.name}{shown}: {check.sentence}", style=style)
+    passed = sum(check.outcome is Outcome.PASS for check in audit.checks)
+    colour = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.REFUSED: "red"}[audit.verdict]
+    reasons = f": {'; '.join(check.name for check in audit.flagged)}" if audit.flagged else ""
+    yield Text(
+        f"verdict: {audit.verdict}{reasons} ({passed} of {len(audit.checks)} checks passed)", style=f"bold {colour}"
+    )
+
+
+def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[RenderableType]:
+    """Status, adjusted quantities beside what was known before, and points that were not found."""
+    style = "green" if solution.status == CameraStatus.OK else "red"
+    yield Text(f"cameras: {solution.status}", style=style)
+    table = Table(title="Adjustment to the site", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("quantity", "before", "std", "adjusted", "std", "unit"):
+        table.add_column(Text(name), justify="left" if name in ("quantity", "unit") else "right")
+    for q in solution.quantities:
+        digits = max(0, 1 - int(np.floor(np.log10(min(q.std, q.prior_std))))) if min(q.std, q.prior_std) > 0 else 3
+        values = tuple(f"{value:.{digits}f}" for value in (q.prior, q.prior_std, q.value, q.std))
+        table.add_row(q.name, *values, q.units, style="red" if q.deviation > 3 else None)
+    if solution.quantities:
+        yield table
+    if not notes:
+        for (view, point), state in solution.points["status"].to_series().items():
+            if state not in (PointStatus.OK, PointStatus.NOT_LOOKED_FOR):
+                yield Text(f"point {point!r} in view {view!r}: {state}", style="red")
+    if notes:
+        for note in solution.notes:
+            yield Text(f"note: {note}", style="yellow")
+
+
+def displacement_table(displacement: xr.Dataset) -> Table:
+    """Peak-to-peak, its expanded uncertainty (k = 2), scale, frequency and valid share a point and axis."""
+    table = Table(
+        title=Text(f"Displacement in mm, axes of the {displacement.attrs['frame']}"),
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for name in (
+        "point",
+        "axis",
+        "p-p",
+        "+- k=2",
+        "random std",
+        "scale [%]",
+        "f [Hz]",
+        "valid [%]",
+    ):
+        table.add_column(Text(name), justify="left" if name in ("point", "axis") else "right", no_wrap=name == "axis")
+    for point, figures in summarize_displacement(displacement).items():
+        for number, (axis, values) in enumerate(figures["axes"].items()):
+            table.add_row(
+                point if number == 0 else "",
+                axis,
+                _number(values["peak_to_peak_mm"], "{:.2f}"),
+                _number(values["expanded_uncertainty_mm"], "{:.2f}"),
+                _number(values["random_std_mm"], "{:.3f}"),
+                _number(values["scale_std"], "{:.1f}", 100),
+                _number(values["dominant_frequency_hz"], "{:.2f}"),
+                _number(figures["coverage_valid"], "{:.0f}", 100),
+            )
+    return table
+
+
+def budget_table(displacement: xr.Dataset) -> Table:
+    """Components of the uncertainty of a sample a point and axis, root mean square over time, k = 1."""
+    table = Table(
+        title=Text("Uncertainty budget in mm (k = 1, root mean square over time)"),
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    components = [str(name) for name in displacement["component"].values]
+    for name in ("point", "axis", *components, "expanded k=2"):
+        table.add_column(Text(name), justify="left" if name in ("point", "axis") else "right", no_wrap=name == "axis")
+    for point, figures in summarize_displacement(displacement).items():
+        for number, (axis, values) in enumerate(figures["axes"].items()):
+            budget = values["budget_mm"] or {}
+            parts = [budget.get(name) for name in components]
+            known = [part for part in parts if part is not None]
+            expanded = (
+                COVERAGE_FACTOR * float(np.sqrt(np.sum(np.square(known)))) if len(known) == len(components) else None
+            )
+            cells = [_number(part, "{:.3f}") for part in (*parts, expanded)]
+            table.add_row(point if number == 0 else "", axis, *cells)
+    return table
+
+
+def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
+    """Motion in pixels and frames by status, a view and point."""
+    table = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("view", "point", "range u [px]", "range v [px]", "median std [px]", *STATUS_MEANINGS[:4]):
+        table.add_column(Text(name), justify="left" if name in ("view", "point") else "right")
+    for view, of_view in tracks.items():
+        for point in of_view["point"].values:
+            one = of_view.sel(point=point)
+            position, status = one["position"].values, one["status"].values
+            found = np.isfinite(position).all(axis=1)
+            span = np.ptp(position[found], axis=0) if found.any() else np.full(2, np.nan)
+            variance = np.einsum("tii->t", one["position_covariance"].values)[found] / 2
+            std = float(np.sqrt(np.median(variance))) if found.any() else float("nan")
+            counts = [str(int((status == code).sum())) for code in range(Status.UNRELIABLE + 1)]
+            table.add_row(view, str(point), f"{span[0]:.2f}", f"{span[1]:.2f}", f"{std:.4f}", *counts)
+    return table
+
+
+def reference_table(reference: xr.Dataset) -> Table:
+    """Onset, samples, replaced outliers and peak-to-peak of each sensor of a reference dataset."""
+    low, high = reference.attrs["band_hz"]
+    title = Text(
+        f"Reference displacement, {low:g} to {high:g} Hz, onset {reference.attrs.get('onset_status', 'given')}"
+    )
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    axes = [str(axis) for axis in reference["axis"].values]
+    for name in ("sensor", "onset [s]", "samples", "outliers", *(f"{axis} p-p [mm]" for axis in axes)):
+        table.add_column(Text(name), justify="left" if name == "sensor" else "right")
+    for sensor in reference["sensor"].values:
+        one = reference.sel(sensor=sensor)
+        spans = one["displacement"].max("time") - one["displacement"].min("time")
+        table.add_row(
+            str(sensor),
+            f"{reference.attrs['onset_s']:.3f}",
+            str(int(one["displacement"].notnull().all("axis").sum())),
+            str(int(one["outliers"].sum())) if "outliers" in one else "-",
+            *(_number(float(span), "{:.3f}") for span in spans),
+        )
+    return table
+
+
+def evaluation_table(evaluation: Evaluation) -> Table:
+    """The paper's metrics and what they hide, a point and axis, with mean and standard deviation of the former.
+
+    ``cover`` is the share of samples whose stated interval, nominally 95 %, holds the reference.
+    """
+    title = f"Compared with {evaluation.reference_name}"
+    if evaluation.band_hz is not None:
+        title += ", {:g} to {:g} Hz".format(*evaluation.band_hz)
+    lag = evaluation.synchronization
+    if lag is not None and lag.ok:
+        title += f", lag {1e3 * lag.lag_s:.1f} +- {1e3 * lag.lag_std_s:.1f} ms"
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("point")
+    table.add_column("axis", no_wrap=True)
+    for name in ("NRMSE", "corr.", "RPPAE", "gain", "skill", "lag ms", "cover %", "RMS mm"):
+        table.add_column(name, justify="right", no_wrap=True)
+    previous = None
+    for row in evaluation.rows:
+        table.add_row("" if row.point == previous else row.point, row.axis, *_figures(row))
+        previous = row.point
+    table.add_section()
+    metrics = evaluation.mean_and_std().values()
+    counted = f"{len(evaluation.scored_rows)} of {len(evaluation.rows)}"
+    table.add_row("mean", counted, *(_number(mean, "{:.3f}") for mean, _ in metrics))
+    table.add_row("std", "", *(_number(std, "{:.3f}") for _, std in metrics))
+    return table
+
+
+def weights_table() -> Table:
+    """Network, size and licence of every checkpoint, and its file where it is here."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("name", "network", "size", "licence", "here"):
+        table.add_column(Text(name), justify="right" if name == "size" else "left")
+    for name, one in CHECKPOINTS.items():
+        file = local_weights(name)
+        licence = f"{one.licence} (gated)" if one.gated else one.licence
+        table.add_row(name, one.network, one.size, licence, file.name if file.is_file() else "not here")
+    table.caption, table.caption_justify = Text("not here: vfm-sdm weights fetch NAME"), "left"
+    return table
+
+
+def _figures(row: EvaluationRow) -> Iterator[str]:
+    score = row.score
+    for value in (score.nrmse_range, score.correlation, score.rppae, score.gain, score.skill):
+        yield _number(value, "{:.3f}")
+    yield _number(score.lag_s, "{:.1f}", 1e3)
+    yield _number(score.coverage, "{:.0f}", 100)
+    yield _number(row.rms_error_mm, "{:.3f}")
+
+
+def benchmark_tables(benchmark: "Benchmark") -> Iterator[RenderableType]:
+    """Every case with SGR against truth and against the accelerometers; field tests outside the assumptions apart."""
+    for against in ("truth", "accelerometers"):
+        title = Text(f"Protocol, with SGR, against {against}")
+        yield _score_table(title, benchmark.tables[f"refinement_against_{against}"], ": with SGR")
+    outside = benchmark.tables["outside_assumptions"]
+    if len(outside.rows) > _SUMMARY_ROWS:
+        yield _score_table(Text(outside.title, style="red"), outside, ": with SGR")
+
+
+def _score_table(title: Text, source: "ProtocolTable", suffix: str) -> Table:
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    chosen = [n for n, name in enumerate(source.columns) if n < _CASE_COLUMNS or name.endswith(suffix)]
+    for n in chosen:
+        name = source.columns[n].removesuffix(suffix)
+        table.add_column(Text(name), justify="left" if n < _CASE_COLUMNS else "right", no_wrap=n < _CASE_COLUMNS)
+    for row in source.rows:
+        table.add_row(*(c if isinstance(c := row[n], str) else _number(c, "{:.3f}") for n in chosen))
+    return table
+
+
+def _number(value: float | None, form: str, factor: float = 1.0) -> str:
+    return "-" if value is None or not np.isfinite(value) else form.format(value * factor)

@@ -1,0 +1,1 @@
+"""What every part stands on: arrays, datasets, statuses, files, the registry of interchangeable parts."""

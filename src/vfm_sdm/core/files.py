@@ -1,0 +1,143 @@
+"""Files that are either whole or absent: atomic writing, JSON, and the hash that identifies a file's content."""
+
+import hashlib
+import json
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vfm_sdm.errors import ResultsError
+
+__all__ = ["file_fingerprint", "file_hash", "replace_file", "write_json"]
+
+_BLOCK_BYTES = 1 << 20
+_WHOLE_BYTES = 16 << 20
+"""Files up to this size are always read whole."""
+_SAMPLES, _SAMPLE_BYTES = 64, 64 << 10
+
+
+@contextmanager
+def replace_file(path: Path | str) -> Iterator[Path]:
+    """A temporary path to write to; it takes the name ``path`` only when the block ends without an error.
+
+    A failed write leaves an earlier file as it was and nothing half-written beside it.
+
+    Parameters
+    ----------
+    path
+        The file to make or replace; its folder is made when absent.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be made or written to.
+    """
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    # In the same folder, because a rename is atomic only within one file system; with the same suffix, because some
+    # writers choose the format by it or append it when it is missing.
+    temporary = target.with_name(f".{target.stem}-{secrets.token_hex(4)}{target.suffix}")
+    try:
+        yield temporary
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def file_hash(path: Path | str) -> str:
+    """SHA-256 of a file's content as 64 hexadecimal digits, read in blocks.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    """
+    digest = hashlib.sha256()
+    with Path(path).open("rb") as stream:
+        while block := stream.read(_BLOCK_BYTES):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def file_fingerprint(path: Path | str, *, whole: bool = False) -> str:
+    """What tells a file's content from another's, in time that does not grow with its size.
+
+    Parameters
+    ----------
+    path
+        The file.
+    whole
+        Whether to read all of it.
+
+    Returns
+    -------
+    fingerprint
+        The `file_hash` of files up to 16 MiB and where ``whole`` is asked for; else ``sampled-`` and the SHA-256 of
+        size, time of the last change, and 64 blocks of 64 KiB from the first to the last.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+
+    Notes
+    -----
+    A change that keeps the size of a large file, falls between the blocks and hides its time stamp is not seen; ask for
+    the whole content where somebody might do that.
+    """
+    place = Path(path)
+    status = place.stat()
+    if whole or status.st_size <= _WHOLE_BYTES:
+        return file_hash(place)
+    digest = hashlib.sha256(f"{status.st_size} {status.st_mtime_ns}".encode())
+    with place.open("rb") as stream:
+        for number in range(_SAMPLES):
+            stream.seek((status.st_size - _SAMPLE_BYTES) * number // (_SAMPLES - 1))
+            digest.update(stream.read(_SAMPLE_BYTES))
+    return f"sampled-{digest.hexdigest()}"
+
+
+def write_json(path: Path, content: Mapping[str, Any], *, label: str) -> Path:
+    """Writes a table as JSON, whole or not at all, with null for numbers that are not finite; returns the path.
+
+    Parameters
+    ----------
+    path
+        The file to make or replace.
+    content
+        Tables and lists of text, numbers, truth values, NumPy scalars and arrays, paths and ``None``.
+    label
+        What messages call the table.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written, or a value is of another type.
+    """
+    text = json.dumps(_jsonable(content, label), indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        with replace_file(path) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ResultsError(f"{path}: expected to write it, got: {error}; choose another folder") from error
+    return path
+
+
+def _jsonable(value: Any, label: str) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _jsonable(inner, f"{label}.{key}") for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_jsonable(inner, f"{label}[{index}]") for index, inner in enumerate(value)]
+    if isinstance(value, np.ndarray | np.generic):
+        return _jsonable(value.tolist(), label)
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
+        return value
+    if isinstance(value, Path):
+        return value.as_posix()
+    raise ResultsError(f"{label}: expected text, numbers, lists or tables, got {type(value).__name__}; convert it")

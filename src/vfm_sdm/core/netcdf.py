@@ -1,0 +1,292 @@
+"""Labelled data to netCDF and back without loss: any dataset, ``tracks.nc`` and ``displacement.nc``."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.datasets import check_displacement, check_points, check_tracks
+from vfm_sdm.core.files import replace_file
+from vfm_sdm.errors import DatasetError, ResultsError
+
+__all__ = [
+    "read_dataset",
+    "read_displacement",
+    "read_points",
+    "read_tracks",
+    "storable",
+    "write_dataset",
+    "write_displacement",
+    "write_points",
+    "write_tracks",
+]
+
+_ENGINE: Final = "h5netcdf"
+_JSON = "json:"
+_READ_ERRORS = (OSError, ValueError, KeyError, RuntimeError, TypeError)
+"""What xarray, h5netcdf and HDF5 raise on files that are damaged or hold something else."""
+
+
+def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
+    """Writes any labelled dataset as compressed netCDF; returns its path.
+
+    Parameters
+    ----------
+    path
+        The file to make or replace; its folder is made when absent.
+    dataset
+        Attributes may be text, numbers, lists, ``None`` and tables of these; see `storable`.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written, or an attribute cannot be stored.
+    """
+    target, stored = Path(path), storable(dataset)
+    _write(target, lambda path: stored.to_netcdf(path, engine=_ENGINE, encoding=_compression(stored)))
+    return target
+
+
+def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *, kind: str, command: str) -> xr.Dataset:
+    """A dataset as written by `write_dataset`, fully loaded and checked.
+
+    Parameters
+    ----------
+    path
+        The file.
+    check
+        Gives the dataset back, or says in a `DatasetError` why it is not of the kind expected.
+    kind, command
+        For messages: what the file should hold, and which command makes it.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, damaged or holds something else.
+    """
+    with _reading(Path(path), kind, command), xr.open_dataset(path, engine=_ENGINE, decode_times=False) as dataset:
+        return check(_restored(dataset.load()))
+
+
+def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -> Path:
+    """Writes ``tracks.nc`` with one netCDF group a view, in the order given.
+
+    Parameters
+    ----------
+    folder
+        The run folder; made when absent.
+    tracks_by_view
+        One tracks dataset a view (see `vfm_sdm.core.datasets`), each with its own clock.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written, a view's name holds a slash, or an attribute cannot be stored.
+    DatasetError
+        A dataset does not hold tracks.
+    """
+    target = Path(folder) / "tracks.nc"
+    if not tracks_by_view:
+        raise ResultsError(f"{target}: expected tracks of at least one view, got none; track a view first")
+    for name in tracks_by_view:
+        if not name or "/" in name or name == ".":
+            raise ResultsError(f"{target}: expected view names without slashes, got {name!r}; rename the view")
+    groups = {f"/{name}": storable(check_tracks(tracks)) for name, tracks in tracks_by_view.items()}
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"views": _JSON + json.dumps(list(tracks_by_view))}), **groups})
+    encoding: dict[str, Any] = {name: _compression(group) for name, group in groups.items()}
+    _write(target, lambda path: tree.to_netcdf(path, engine=_ENGINE, encoding=encoding))
+    return target
+
+
+def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
+    """Tracks by view name, as written by `write_tracks`, fully loaded.
+
+    Parameters
+    ----------
+    path
+        A run folder or the file itself.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, damaged or does not hold tracks.
+    """
+    file = _file_in(path, "tracks.nc")
+    with (
+        _reading(file, "tracks", "vfm-sdm track"),
+        xr.open_datatree(file, engine=_ENGINE, decode_times=False) as tree,
+    ):
+        views = _decoded(tree.attrs).get("views", list(tree.children))
+        return {name: check_tracks(_restored(tree.children[name].to_dataset().load())) for name in views}
+
+
+def write_points(folder: Path | str, points: xr.Dataset) -> Path:
+    """Writes ``points.nc``; returns its path.
+
+    Parameters
+    ----------
+    folder
+        The run folder; made when absent.
+    points
+        See `vfm_sdm.core.datasets`.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written.
+    DatasetError
+        The dataset does not hold points.
+    """
+    return write_dataset(Path(folder) / "points.nc", check_points(points))
+
+
+def read_points(path: Path | str) -> xr.Dataset:
+    """The points dataset as written by `write_points`, fully loaded.
+
+    Parameters
+    ----------
+    path
+        A run folder or the file itself.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, damaged or does not hold points.
+    """
+    return read_dataset(_file_in(path, "points.nc"), check_points, kind="points", command="vfm-sdm cameras")
+
+
+def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
+    """Writes ``displacement.nc``; returns its path.
+
+    Parameters
+    ----------
+    folder
+        The run folder; made when absent.
+    displacement
+        See `vfm_sdm.core.datasets`. Attributes may be text, numbers, lists, ``None`` and tables of these.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written, or an attribute cannot be stored.
+    DatasetError
+        The dataset does not hold displacement.
+    """
+    return write_dataset(Path(folder) / "displacement.nc", check_displacement(displacement))
+
+
+def read_displacement(path: Path | str) -> xr.Dataset:
+    """The displacement dataset as written by `write_displacement`, fully loaded.
+
+    Parameters
+    ----------
+    path
+        A run folder or the file itself.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, damaged or does not hold displacement.
+    """
+    file = _file_in(path, "displacement.nc")
+    return read_dataset(file, check_displacement, kind="displacement", command="vfm-sdm measure")
+
+
+def _file_in(path: Path | str, name: str) -> Path:
+    return Path(path) / name if Path(path).is_dir() else Path(path)
+
+
+@contextmanager
+def _reading(file: Path, kind: str, command: str) -> Iterator[None]:
+    """Errors of reading a file, said as errors of the result that it should hold."""
+    if not file.is_file():
+        raise ResultsError(f"{file}: expected {kind}, got no such file; check the folder or run `{command}`")
+    try:
+        yield
+    except DatasetError as error:
+        raise ResultsError(f"{file}: expected {kind}, got something else ({error}); run `{command}` again") from error
+    except _READ_ERRORS as error:
+        raise ResultsError(f"{file}: expected {kind}, got a damaged file ({error}); run `{command}` again") from error
+
+
+def _write(target: Path, write: Callable[[Path], object]) -> None:
+    try:
+        with replace_file(target) as temporary:
+            write(temporary)
+    except OSError as error:
+        raise ResultsError(f"{target}: expected to write it, got: {error}; free space or choose a folder") from error
+
+
+def _compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+    return {
+        str(name): {"zlib": True, "complevel": 1, "shuffle": True}
+        for name, variable in dataset.data_vars.items()
+        if variable.size > 1 and variable.dtype.kind in "iufb"
+    }
+
+
+def storable(dataset: xr.Dataset) -> xr.Dataset:
+    """A copy whose attributes netCDF can hold, without hints from an earlier file.
+
+    Raises
+    ------
+    ResultsError
+        An attribute cannot be stored.
+    """
+    copy = dataset.drop_encoding().copy()
+    copy.attrs = _encoded(dataset.attrs)
+    for name in copy.variables:
+        copy[name].attrs = _encoded(dataset[name].attrs)
+    return copy
+
+
+def _restored(dataset: xr.Dataset) -> xr.Dataset:
+    copy = dataset.copy()
+    copy.attrs = _decoded(copy.attrs)
+    for name in copy.variables:
+        copy[name].attrs = _decoded(copy[name].attrs)
+    return copy
+
+
+def _encoded(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    """Attributes as netCDF knows them: text and numbers as they are, everything else as JSON text."""
+    encoded: dict[str, Any] = {}
+    for key, value in attrs.items():
+        if (isinstance(value, str) and not value.startswith(_JSON)) or _is_native_number(value):
+            # As plain text: h5py knows no subclasses of it, such as statuses.
+            encoded[str(key)] = str(value) if isinstance(value, str) else value
+            continue
+        try:
+            encoded[str(key)] = _JSON + json.dumps(value, default=_plain)
+        except (TypeError, ValueError) as error:
+            raise ResultsError(
+                f"attribute {key!r}: expected text, a number or a list of them, got {type(value).__name__}; convert it"
+            ) from error
+    return encoded
+
+
+def _is_native_number(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        # A single-element array would come back as a scalar.
+        return value.ndim == 1 and value.size > 1 and value.dtype.kind in "iuf"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return bool(np.iinfo(np.int64).min <= value <= np.iinfo(np.int64).max)
+    return isinstance(value, float | np.integer | np.floating)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(type(value).__name__)
+
+
+def _decoded(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    return {
+        str(key): json.loads(value.removeprefix(_JSON)) if isinstance(value, str) and value.startswith(_JSON) else value
+        for key, value in attrs.items()
+    }

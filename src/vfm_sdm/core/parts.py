@@ -1,0 +1,261 @@
+"""Every interchangeable part of the package, one line each: trackers, camera estimators, matchers, writers, checks.
+
+Parts are named by dotted strings, so that the layers below them can ask what a part needs without importing it. To add
+one, write its class (or, of writers and checks, its function) and its line here; another package announces its own
+through the entry-point group of the kind (`KINDS`), and says the same of it by attributes of the class.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from operator import attrgetter
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from vfm_sdm.errors import BackendUnavailableError, VfmSdmError
+
+__all__ = ["BUILT_IN", "KINDS", "Kind", "KindInfo", "Needs", "Part", "PartSettings", "Requirement"]
+
+Kind = Literal["trackers", "cameras", "matchers", "features", "writers", "checks"]
+
+Requirement = Literal["baseline", "camera files", "chessboard"]
+"""What a session must state for a camera estimator: ``site.baseline``, a ``camera`` file for every view, or the table
+``[chessboard]``."""
+
+
+@dataclass(frozen=True)
+class KindInfo:
+    """What is the same for all parts of a kind.
+
+    Parameters
+    ----------
+    word
+        What messages call such a part; of parts that a session names, the word of ``[method]``.
+    title
+        What a list of them is called.
+    group
+        Entry-point group in which other packages announce theirs.
+    field
+        Dotted field of ``[method]`` that names the part to use; empty where a session names none.
+    calls
+        Method that the part must have; empty where the part itself is called.
+    """
+
+    word: str
+    title: str
+    group: str
+    field: str = ""
+    calls: str = ""
+
+
+KINDS: Mapping[Kind, KindInfo] = {
+    "trackers": KindInfo("tracker", "trackers", "vfm_sdm.trackers", "tracker", "track"),
+    "cameras": KindInfo("cameras", "camera estimators", "vfm_sdm.cameras", "cameras", "estimate"),
+    "matchers": KindInfo("correspondence", "matchers of points", "vfm_sdm.matchers", "correspondence", "locate"),
+    "features": KindInfo("features", "matchers of features", "vfm_sdm.features", "sfm.features", "match"),
+    "writers": KindInfo("export", "output writers", "vfm_sdm.writers"),
+    "checks": KindInfo("check", "audit checks", "vfm_sdm.checks"),
+}
+
+
+class PartSettings(BaseModel):
+    """A part's own table ``[method.NAME]`` of a session; parts with settings derive their model from it.
+
+    It is frozen, and unknown keys are refused. Relative paths in fields of the type ``Path`` start at the session's
+    folder.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a part needs beyond the core.
+
+    Parameters
+    ----------
+    extra
+        Of this package, which brings the packages; empty where they come otherwise.
+    packages
+        Names to import.
+    checkpoints
+        Registered weights that it can run with as it is set by default, the preferred one first; any of them will do.
+    """
+
+    extra: str
+    packages: tuple[str, ...]
+    checkpoints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Part:
+    """Where a part is, and what others have to know of it.
+
+    Parameters
+    ----------
+    target
+        ``module:attribute`` of its class or function; empty where whoever asks for it has it built in.
+    reads
+        Fields of ``[method]`` in a session that it reads: ``subset_px``, or ``network.weights`` for one key of a table.
+        Its constructor takes the fields, or whole tables, by their names; keys of a table that are not declared have
+        their defaults there.
+    fixed
+        Arguments that come with its name.
+    made_of
+        Kind and name of the parts that it is made of; their needs and what they read are its own, too.
+    chooses
+        Kinds of which the session names a part for it; the constructor takes it by the name of the kind.
+    settings
+        ``module:attribute`` of the model of its own table ``[method.NAME]``, a `PartSettings`, which the constructor
+        takes as ``settings``; empty where it has none.
+    needs
+        Packages and weights.
+    requires
+        What the session must state.
+    distribution
+        Name and version of the package that brings it, such as ``strange-trackers 1.2``; empty for this one's.
+    """
+
+    target: str
+    reads: tuple[str, ...] = ()
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    made_of: tuple[tuple[Kind, str], ...] = ()
+    chooses: tuple[Kind, ...] = ()
+    settings: str = ""
+    needs: Needs | None = None
+    requires: tuple[Requirement, ...] = ()
+    distribution: str = ""
+
+    @property
+    def module(self) -> str:
+        """Where its code lies; empty where whoever asks for it has it built in."""
+        return self.target.partition(":")[0]
+
+    def load(self) -> Any:
+        """The class or function; ``None`` where whoever asks for it has it built in."""
+        return _load(self.target)
+
+    def make(self, **options: Any) -> Any:
+        """The part with these options; where it has settings and none are given, with their defaults.
+
+        Raises
+        ------
+        BackendUnavailableError
+            It cannot run here.
+        """
+        made, model = self.load(), self.settings_model()
+        if model is not None:
+            options["settings"] = options["settings"] if "settings" in options else model()
+        if made is None:
+            return None
+        try:
+            return made(**self.fixed, **options)
+        except VfmSdmError:
+            raise
+        except Exception as error:
+            if not self.distribution:
+                raise
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise BackendUnavailableError(
+                f"{self.target} of {self.distribution}: expected it to take {sorted(options)}, got {reason}; "
+                "repair or uninstall that package"
+            ) from error
+
+    def settings_model(self) -> type[PartSettings] | None:
+        """The model of its own table; ``None`` where it has none."""
+        model: type[PartSettings] | None = _load(self.settings)
+        return model
+
+
+def _load(target: str) -> Any:
+    if not target:
+        return None
+    module, _, attribute = target.partition(":")
+    return attrgetter(attribute)(import_module(module))
+
+
+_STAGES = "vfm_sdm.stages."
+_CHECKPOINTS = ("vggt-1b", "vggt-1b-commercial")
+_VGGT = Needs("vfm", ("torch", "safetensors"), _CHECKPOINTS)
+_ON_A_DEVICE = ("network.weights", "network.device", "network.precision")
+
+
+def _polished(follower: str) -> Part:
+    parts: tuple[tuple[Kind, str], ...] = (("trackers", follower), ("trackers", "icgn"))
+    return Part(_STAGES + "tracking.hybrid:HybridTracker", fixed={"follower": follower}, made_of=parts)
+
+
+_TRACKERS = {
+    "icgn": Part(_STAGES + "tracking.icgn:IcgnTracker", ("subset_px",)),
+    "template": Part(_STAGES + "tracking.template:TemplateTracker", ("subset_px",)),
+    "vggt": Part(_STAGES + "tracking.vggt:VggtTracker", (*_ON_A_DEVICE, "network.preset"), needs=_VGGT),
+    "tapir": Part(
+        _STAGES + "tracking.tapir:TapirTracker",
+        ("network.weights", "network.device"),
+        needs=Needs("vfm", ("torch",), ("bootstapir",)),
+    ),
+    "vggt+icgn": _polished("vggt"),
+    "tapir+icgn": _polished("tapir"),
+}
+_CAMERAS = {
+    "file": Part(_STAGES + "cameras.file:FileCameras", requires=("camera files",)),
+    "chessboard": Part(_STAGES + "cameras.chessboard.estimator:ChessboardCameras", requires=("chessboard",)),
+    "two-view": Part(_STAGES + "cameras.two_view:TwoViewCameras", requires=("baseline",)),
+    "vggt": Part(_STAGES + "cameras.vggt:VggtCameras", _ON_A_DEVICE, needs=_VGGT, requires=("baseline",)),
+    "sfm": Part(
+        _STAGES + "cameras.sfm:SfmCameras",
+        chooses=("features",),
+        needs=Needs("sfm", ("pycolmap",)),
+        requires=("baseline",),
+    ),
+}
+_MATCHERS = {
+    "registration": Part(""),  # the search along the epipolar line, which every answer goes through
+    "vggt": Part(_STAGES + "matching.network:VggtMatcher", _ON_A_DEVICE, needs=_VGGT),
+}
+_FEATURES = {
+    "sift": Part(""),  # COLMAP's own
+    "superpoint": Part(
+        _STAGES + "matching.learned_features:superpoint_matcher",
+        ("sfm.matcher", "sfm.model"),
+        needs=Needs("sfm", ("torch", "transformers")),
+    ),
+}
+_EXPORTS = "vfm_sdm.outputs.results.exports:"
+_WRITERS = {
+    "csv": Part(_EXPORTS + "to_csv"),
+    "mat": Part(_EXPORTS + "to_mat"),
+    "uff": Part(_EXPORTS + "to_uff"),
+}
+_AUDIT = _STAGES + "audit."
+_CHECKS = {
+    "site": Part(_AUDIT + "geometry:check_site"),
+    "baseline": Part(_AUDIT + "geometry:check_baseline"),
+    "epipolar-level": Part(_AUDIT + "geometry:check_epipolar_level"),
+    "epipolar-motion": Part(_AUDIT + "geometry:check_epipolar_motion"),
+    "agreement": Part(_AUDIT + "geometry:check_agreement"),
+    "synchronization": Part(_AUDIT + "clocks:check_synchronization"),
+    "drift": Part(_AUDIT + "clocks:check_drift"),
+    "tracked": Part(_AUDIT + "tracks:check_tracked"),
+    "frozen": Part(_AUDIT + "tracks:check_frozen"),
+    "slip": Part(_AUDIT + "tracks:check_slip"),
+    "halves": Part(_AUDIT + "tracks:check_halves"),
+    "static-points": Part(_AUDIT + "tracks:check_static_points"),
+    "camera-motion": Part(_AUDIT + "tracks:check_camera_motion"),
+    "stabilization": Part(_AUDIT + "tracks:check_stabilization"),
+    "signal": Part(_AUDIT + "signal:check_signal"),
+    "gain": Part(_AUDIT + "signal:check_gain"),
+    "recording": Part(_AUDIT + "signal:check_recording"),
+    "refinement": Part(_AUDIT + "signal:check_refinement"),
+}
+
+BUILT_IN: Mapping[Kind, dict[str, Part]] = {
+    "trackers": _TRACKERS,
+    "cameras": _CAMERAS,
+    "matchers": _MATCHERS,
+    "features": _FEATURES,
+    "writers": _WRITERS,
+    "checks": _CHECKS,
+}
+"""This package's own parts by kind and name; of checks, in the order of the audit."""

@@ -1,0 +1,321 @@
+"""Products made from each other: each once, of declared inputs, kept in files under keys that follow from these.
+
+A class derives from `Chain` and writes its products as methods under `product`, in the order in which they are made of
+each other. What a method declares is all that it gets: the settings named in ``reads`` (everything else is at its
+default), the products named in ``needs`` and the interchangeable parts named in ``parts`` (asking for others is an
+error). So the key, a hash of what is declared and of the code that runs, cannot leave anything out.
+"""
+
+import hashlib
+import inspect
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Protocol, Self, TypeVar, cast, overload
+
+from vfm_sdm.core.code import code_hash, modules_used
+from vfm_sdm.core.parts import Kind
+from vfm_sdm.errors import ResultsError
+
+__all__ = ["Chain", "Kept", "Product", "Settings", "product"]
+
+T = TypeVar("T")
+S = TypeVar("S", bound="Settings")
+
+
+class Settings(Protocol):
+    """Settings of which a part can be taken."""
+
+    def narrowed(self, reads: Sequence[str]) -> Self:
+        """The same with everything but the named fields at its default."""
+        ...
+
+    def as_fields(self) -> Mapping[str, Any]:
+        """Its fields as plain tables."""
+        ...
+
+
+@dataclass(frozen=True)
+class Kept(Generic[T]):
+    """How a product is kept in the run folder.
+
+    Parameters
+    ----------
+    file
+        Its name there.
+    read
+        Yields product and key of the file at a path; ``None`` for a product that is made anew at every run.
+    write
+        Writes a product and its key to the file at a path, whole or not at all.
+    """
+
+    file: str
+    read: Callable[[Path], tuple[T, str]] | None
+    write: Callable[[Path, T, str], object]
+
+
+@dataclass(frozen=True)
+class _Declared:
+    """What a product is made of; see `product`."""
+
+    reads: tuple[str, ...]
+    needs: tuple[str, ...]
+    parts: tuple[Kind, ...]
+    label: str
+    identity: Callable[[Any], Any] | None
+
+
+class Product(Generic[T]):
+    """A product of a `Chain`, made or read when it is first asked for."""
+
+    def __init__(self, make: Callable[[Any, Any], T], declared: _Declared, kept: Kept[T] | None) -> None:
+        self.make, self.kept = make, kept
+        self.reads, self.needs, self.parts = declared.reads, declared.needs, declared.parts
+        self.name = make.__name__
+        self.label, self.identity = declared.label or self.name, declared.identity
+        self.__doc__ = make.__doc__
+
+    @overload
+    def __get__(self, chain: None, owner: type | None = None) -> "Product[T]": ...
+    @overload
+    def __get__(self, chain: "Chain[Any]", owner: type | None = None) -> T: ...
+    def __get__(self, chain: "Chain[Any] | None", owner: type | None = None) -> "T | Product[T]":
+        """The product of a chain."""
+        return self if chain is None else chain.ask(self)
+
+
+class product:  # noqa: N801  (a decorator)
+    """Makes a method of a `Chain` one of its products; the method gets the settings that it declares.
+
+    Parameters
+    ----------
+    reads
+        Dotted names of the settings that it reads.
+    needs
+        Names of the products that it reads.
+    parts
+        Kinds of interchangeable parts that it uses; their settings need not be named.
+    kept
+        How it is kept in the run folder; without, it lives in memory only.
+    label
+        What summaries and progress call it; its name where nothing is said.
+    identity
+        A product as plain tables, where equal products made of different inputs must count as the same.
+    """
+
+    def __init__(
+        self,
+        *,
+        reads: Sequence[str] = (),
+        needs: Sequence[str] = (),
+        parts: Sequence[Kind] = (),
+        kept: Kept[Any] | None = None,
+        label: str = "",
+        identity: Callable[[Any], Any] | None = None,
+    ) -> None:
+        self._declared = _Declared(tuple(reads), tuple(needs), tuple(parts), label, identity)
+        self._kept = kept
+
+    def __call__(self, make: Callable[[Any, Any], T]) -> Product[T]:
+        """The product that a method makes."""
+        return Product(make, self._declared, self._kept)
+
+
+class Chain(Generic[S]):
+    """Products of one set of settings, in a folder or in memory.
+
+    Parameters
+    ----------
+    settings
+        What products read from.
+    folder
+        Where products are kept; ``None`` keeps all in memory.
+
+    Attributes
+    ----------
+    seconds
+        Time that each product took, without that of the products that it needs, by label [s].
+    reused
+        Labels of the products that were read from the folder.
+    made
+        How often each product was made, by name.
+    """
+
+    def __init__(self, settings: S, folder: Path | None) -> None:
+        self.folder = folder
+        self.seconds: dict[str, float] = {}
+        self.reused: list[str] = []
+        self.made: dict[str, int] = {}
+        self._settings = settings
+        self._values: dict[str, Any] = {}
+        self._keys: dict[str, str] = {}
+        self._asking: list[Product[Any]] = []
+        self._inside_s: list[float] = []
+
+    def given(self, **products: Any) -> Self:
+        """The chain with some of its products given instead of made: tracks of another program, known cameras.
+
+        Raises
+        ------
+        ValueError
+            There is no such product, or the chain keeps its products in a folder, where nothing tells what the given
+            ones were made of.
+        """
+        unknown = set(products) - set(self.products())
+        if unknown or self.folder is not None:
+            got = f"unknown {sorted(unknown)}" if unknown else f"a chain in {self.folder}"
+            raise ValueError(f"given: expected products {self.products()} of a chain in memory, got {got}; correct it")
+        self._values.update(products)
+        return self
+
+    def inputs_of(self, settings: S) -> Mapping[str, str]:
+        """Hashes of the files that settings name, by what the key calls them; none here."""
+        del settings
+        return {}
+
+    def part_of(self, kind: Kind) -> Mapping[str, Any]:
+        """What tells an interchangeable part of this kind from another; see `product`."""
+        raise NotImplementedError(kind)
+
+    def part_settings(self, kind: Kind) -> Sequence[str]:
+        """Settings that the chosen part of this kind reads, and the one that chooses it."""
+        raise NotImplementedError(kind)
+
+    def part_modules(self, kind: Kind) -> Sequence[str]:
+        """Modules of the chosen part of this kind."""
+        raise NotImplementedError(kind)
+
+    def versions(self) -> Mapping[str, str]:
+        """Versions of what every product depends on."""
+        return {}
+
+    def ask(self, wanted: Product[T]) -> T:
+        """A product: from memory, from the folder where its key is still the same, or made."""
+        if self._asking and wanted.name not in self._asking[-1].needs:
+            raise RuntimeError(f"product {self._asking[-1].name!r} reads {wanted.name!r} and does not declare it")
+        if wanted.name not in self._values:
+            self._values[wanted.name] = self._fetch(wanted)
+        return cast(T, self._values[wanted.name])
+
+    def check_outside(self, what: str) -> None:
+        """Refuses what no product may read, while one is made.
+
+        Raises
+        ------
+        RuntimeError
+            One is being made.
+        """
+        if self._asking:
+            raise RuntimeError(f"product {self._asking[-1].name!r} reads {what}; declare what it needs of it")
+
+    def check_declared(self, kind: Kind) -> None:
+        """Refuses a part that the product in the making does not declare.
+
+        Raises
+        ------
+        RuntimeError
+            It does not.
+        """
+        if self._asking and kind not in self._asking[-1].parts:
+            raise RuntimeError(f"product {self._asking[-1].name!r} uses a part {kind!r} and does not declare it")
+
+    def key(self, name: str) -> str:
+        """What a product of this name is made of, as one hash of 64 hexadecimal digits."""
+        if name not in self._keys:
+            one = self.product(name)
+            if one.identity is not None:
+                with self._outside():
+                    made_of = [name, one.identity(self.ask(one))]
+            else:
+                made_of = [name, self.ingredients(one)]
+            text = json.dumps(made_of, sort_keys=True)
+            self._keys[name] = hashlib.sha256(text.encode()).hexdigest()
+        return self._keys[name]
+
+    def ingredients(self, one: Product[Any]) -> Mapping[str, Any]:
+        """All that a product is made of, as plain tables: what its key is the hash of."""
+        settings = self._narrowed(one)
+        return {
+            "settings": settings.as_fields(),
+            "files": dict(self.inputs_of(settings)),
+            "products": {need: self.key(need) for need in one.needs},
+            "parts": {kind: dict(self.part_of(kind)) for kind in one.parts},
+            "code": self._code(one),
+            "versions": dict(self.versions()),
+        }
+
+    @classmethod
+    def product(cls, name: str) -> Product[Any]:
+        """The product of this name."""
+        return cast(Product[Any], inspect.getattr_static(cls, name))
+
+    @classmethod
+    def products(cls) -> tuple[str, ...]:
+        """Names of all products in the order in which they are written."""
+        return tuple(name for name, one in vars(cls).items() if isinstance(one, Product))
+
+    def _fetch(self, wanted: Product[T]) -> T:
+        path = None if self.folder is None or wanted.kept is None else self.folder / wanted.kept.file
+        key = self._made_of(wanted) if path is not None else ""
+        if path is not None and wanted.kept is not None and wanted.kept.read is not None and path.exists():
+            try:
+                found, known = wanted.kept.read(path)
+            except ResultsError:
+                known = ""  # of another version, or damaged: it is made again
+            if known == key:
+                self.reused.append(wanted.label)
+                return found
+        settings = self._narrowed(wanted)
+        self._asking.append(wanted)
+        try:
+            with self.timed(wanted.label):
+                value = wanted.make(self, settings)
+        finally:
+            self._asking.pop()
+        self.made[wanted.name] = self.made.get(wanted.name, 0) + 1
+        if path is not None and wanted.kept is not None:
+            if value is None:
+                path.unlink(missing_ok=True)  # of an earlier run, which had one
+            else:
+                wanted.kept.write(path, value, key)
+        return value
+
+    def _made_of(self, wanted: Product[Any]) -> str:
+        """Key of the inputs of a product, also where the product's own key is its content."""
+        if wanted.identity is None:
+            return self.key(wanted.name)
+        text = json.dumps([wanted.name, self.ingredients(wanted)], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def _narrowed(self, one: Product[Any]) -> S:
+        of_parts = [name for kind in one.parts for name in self.part_settings(kind)]
+        return self._settings.narrowed([*one.reads, *of_parts])
+
+    def _code(self, one: Product[Any]) -> str:
+        modules = {*modules_used(one.make), *(m for kind in one.parts for m in self.part_modules(kind))}
+        return code_hash(frozenset(modules), also=inspect.getsource(one.make))
+
+    @contextmanager
+    def _outside(self) -> Iterator[None]:
+        """Asks for a product beside the one in the making."""
+        asking, self._asking = self._asking, []
+        try:
+            yield
+        finally:
+            self._asking = asking
+
+    @contextmanager
+    def timed(self, label: str) -> Iterator[None]:
+        """Adds the time of the block, without that of blocks inside it, to `seconds` under a label."""
+        self._inside_s.append(0.0)
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            whole = time.perf_counter() - start
+            self.seconds[label] = self.seconds.get(label, 0.0) + whole - self._inside_s.pop()
+            if self._inside_s:
+                self._inside_s[-1] += whole

@@ -1,0 +1,19 @@
+"""Versions of what a result depends on."""
+
+import platform
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+
+__all__ = ["package_versions"]
+
+_PACKAGES = ("vfm-sdm", "numpy", "scipy", "xarray", "av", "opencv-python-headless", "numba", "poselib")
+_OPTIONAL = ("torch", "pycolmap", "transformers")
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of Python, of this package and of those that compute something, by name."""
+    found = {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
+    for name in _OPTIONAL:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found

@@ -1,0 +1,220 @@
+"""Which views see which sample of a point, how much each counts, and how views that do not quite agree are made to.
+
+A sample needs two views. With more, one of them may lose a point for a while; the cameras disagree a little, so
+positions from other views would stand aside, and a point would seem to step when a view comes or goes. The mean
+disagreement is known from the samples that these views share, and is taken off their pixels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, mean_of_known
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.triangulation import triangulate
+
+__all__ = ["Sightings", "Visibility", "see_points", "typical_std"]
+
+_RESOLUTION_PX = 1e-3
+"""No tracker resolves less: the least standard deviation that weighs a view."""
+_FEWEST_FOR_SCATTER = 10
+"""Samples from which on the scatter of a mean disagreement is taken from themselves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """The sets of views that see samples, K of them, each with two views or more.
+
+    Parameters
+    ----------
+    views
+        Members of each set, shape (K, V).
+    of_sample
+        Index of the set that sees a sample, shape (T, P); -1 where fewer than two views do.
+    """
+
+    views: BoolArray
+    of_sample: IntArray
+
+    def most_frequent(self) -> IntArray:
+        """Index of the set that sees most samples of each point, shape (P,); 0 where none sees any."""
+        counts = np.stack([(self.of_sample == k).sum(axis=0) for k in range(len(self.views))])
+        # Of equals the one with more views.
+        return np.asarray((counts + 0.5 * self.views.mean(axis=1)[:, None]).argmax(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Pixels of P points in T frames of V views, ready to be triangulated.
+
+    Parameters
+    ----------
+    pixels
+        Less the mean disagreement of the views, shape (V, T, P, 2) [px]; NaN where a view is not used.
+    weights
+        Factors of each view's equations, shape (V, P) [1]; ``None`` for two views, which need none.
+    visibility
+        Which views are used.
+    shift_covariance
+        Of the mean disagreement that was taken off, shape (V, P, 2, 2) [px2].
+    linked
+        Views whose disagreement is known, shape (V, P); samples of others are not continuous with the rest.
+    """
+
+    pixels: FloatArray
+    weights: FloatArray | None
+    visibility: Visibility
+    shift_covariance: FloatArray
+    linked: BoolArray
+
+    @property
+    def used(self) -> BoolArray:
+        """Whether a view is used in a sample, shape (V, T, P)."""
+        return np.asarray(np.isfinite(self.pixels).all(axis=-1))
+
+    def triangulate(self, rig: Rig) -> FloatArray:
+        """Places of all samples, shape (T, P, 3), in the frame of the rig's first camera."""
+        return triangulate(self.pixels, rig, weights=None if self.weights is None else self.weights[:, None])
+
+    def anchor(self, valid: BoolArray) -> FloatArray:
+        """A pixel of each point in every view that ever sees it: of the first valid sample, else the first at all.
+
+        Parameters
+        ----------
+        valid
+            Samples that are triangulated, shape (T, P).
+
+        Returns
+        -------
+        pixels
+            Shape (V, P, 2) [px]; NaN for a point that a view never sees, or that has no valid sample.
+        """
+        points = np.arange(valid.shape[1])
+        some: BoolArray = np.asarray(valid.any(axis=0))
+        chosen = self.pixels[:, valid.argmax(axis=0), points]
+        if len(self.pixels) > 2:
+            seen = self.used & valid
+            for view, pixels in enumerate(self.pixels):
+                own = pixels[seen[view].argmax(axis=0), points]
+                chosen[view] = np.where(np.isfinite(chosen[view]), chosen[view], own)
+        return np.asarray(np.where(some[:, None], chosen, np.nan))
+
+
+def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, rig: Rig) -> Sightings:
+    """Which views to take for each sample, from what their tracks say.
+
+    Parameters
+    ----------
+    pixels, covariance, trusted
+        Synchronised tracks of V views: positions (V, T, P, 2) [px], NaN where missing, their covariances
+        (V, T, P, 2, 2) [px2], and whether the tracker trusts them (V, T, P).
+    rig
+        V cameras.
+
+    Notes
+    -----
+    Of two views both are taken as they are. Of more, each point's views weigh by the inverse of their standard
+    deviation (the median over the frames that state one) and of their depth, which makes the linear method's residuals
+    those of pixels over their noise; a sample that a view does not trust is left to the others where two of them trust
+    theirs.
+    """
+    found = np.asarray(np.isfinite(pixels).all(axis=-1))
+    views, points = len(pixels), pixels.shape[2]
+    no_covariance = np.zeros((views, points, 2, 2))
+    if views < 3:
+        used = np.broadcast_to(found.all(axis=0), found.shape)
+        everywhere = np.ones((views, points), dtype=np.bool_)
+        return Sightings(pixels, None, _sets_of_views(used), no_covariance, everywhere)
+    used = np.where((trusted & found).sum(axis=0) >= 2, trusted & found, found)
+    used &= used.sum(axis=0) >= 2
+    chosen = np.where(used[..., None], pixels, np.nan)
+    weights = _weigh_views(chosen, covariance, rig)
+    visibility = _sets_of_views(used)
+    shift, shift_covariance = np.zeros((views, points, 2)), no_covariance
+    linked = np.ones((views, points), dtype=np.bool_)
+    base = visibility.views[visibility.most_frequent()]
+    for point in np.flatnonzero([len(np.unique(of[of >= 0])) > 1 for of in visibility.of_sample.T]):
+        one = _Point(chosen[:, :, point], covariance[:, :, point], weights[:, point], rig)
+        shift[:, point], shift_covariance[:, point], linked[:, point] = one.disagreement(base[point])
+    return Sightings(chosen - shift[:, None], weights, visibility, shift_covariance, linked)
+
+
+def typical_std(variance: FloatArray) -> FloatArray:
+    """Standard deviation of the median variance over the frames that state one, (V, T, P) to (V, P).
+
+    NaN where none does. A tracker's reference frame states none: the point is there by definition.
+    """
+    stated = np.sort(np.where(variance > 0, variance, np.nan), axis=1)  # NaN last
+    count = np.isfinite(stated).sum(axis=1, keepdims=True)
+    middle = [np.take_along_axis(stated, np.maximum(index, 0), axis=1) for index in ((count - 1) // 2, count // 2)]
+    return np.asarray(np.sqrt((middle[0] + middle[1]) / 2)[:, 0])
+
+
+def _sets_of_views(used: BoolArray) -> Visibility:
+    """The sets of two views or more that see samples, from (V, T, P); all views where no sample is seen."""
+    bits = 1 << np.arange(len(used))
+    codes = np.where(used.sum(axis=0) >= 2, np.tensordot(bits, used, axes=1), 0)
+    found = np.unique(codes[codes > 0])
+    of_sample = np.where(codes > 0, np.searchsorted(found, codes), -1)
+    return Visibility((found[:, None] & bits) > 0 if found.size else np.ones((1, len(used)), np.bool_), of_sample)
+
+
+def _weigh_views(pixels: FloatArray, covariance: FloatArray, rig: Rig) -> FloatArray:
+    """Inverse of noise and depth of each point in each view, shape (V, P), the largest of a point 1."""
+    used = np.asarray(np.isfinite(pixels).all(axis=-1))
+    std = typical_std(np.where(used, np.einsum("vtpii->vtp", covariance) / 2, np.nan))
+    # Noise that one of the views does not state cannot be compared.
+    std[:, (used.any(axis=1) & np.isnan(std)).any(axis=0)] = 1.0
+    weights = 1 / np.maximum(np.where(np.isfinite(std), std, np.inf), _RESOLUTION_PX)
+    places = mean_of_known(triangulate(pixels, rig))
+    for view, camera in enumerate(rig.cameras):
+        depth = places @ camera.rotation[2] + camera.translation[2]
+        weights[view] /= np.where(depth > 0, depth, np.inf)
+    largest = weights.max(axis=0)
+    return np.asarray(np.where(largest > 0, weights / np.where(largest > 0, largest, 1.0), 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """One point: pixels (V, T, 2) [px], covariances (V, T, 2, 2) [px2], weights of the views (V,), the cameras."""
+
+    pixels: FloatArray
+    covariance: FloatArray
+    weights: FloatArray
+    rig: Rig
+
+    def disagreement(self, base: BoolArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Mean disagreement of every view [px], its covariance [px2], and whether it is known; (V, 2), (V, 2, 2), (V,).
+
+        The views of the base are held against the place that they give together, further ones against that of all views
+        before them, over the samples that they share.
+        """
+        views = len(self.pixels)
+        shift, covariance = np.zeros((views, 2)), np.zeros((views, 2, 2))
+        linked = base.copy()
+        together: BoolArray = np.asarray(np.isfinite(self.pixels[base]).all(axis=(0, 2)))
+        places = self._places(np.where(base[:, None, None] & together[:, None], self.pixels, np.nan))
+        for view in np.flatnonzero(base).tolist():
+            shift[view], covariance[view] = self._mean_apart(view, places)
+        while not linked.all():
+            places = self._places(np.where(linked[:, None, None], self.pixels - shift[:, None], np.nan))
+            known = np.isfinite(places).all(axis=1)
+            shared = np.where(linked, 0, (np.isfinite(self.pixels).all(axis=2) & known).sum(axis=1))
+            best = int(shared.argmax())
+            if shared[best] == 0:
+                break
+            shift[best], covariance[best] = self._mean_apart(best, places)
+            linked[best] = True
+        return shift, covariance, linked
+
+    def _places(self, pixels: FloatArray) -> FloatArray:
+        return triangulate(pixels, self.rig, weights=self.weights[:, None])
+
+    def _mean_apart(self, view: int, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean of seen less expected pixels, and its covariance: from the scatter of many, of few as stated."""
+        apart = self.pixels[view] - self.rig.cameras[view].project(places)
+        known = np.isfinite(apart).all(axis=1)
+        count = max(int(known.sum()), 1)
+        if count >= _FEWEST_FOR_SCATTER:
+            return apart[known].mean(axis=0), np.cov(apart[known].T) / count
+        return mean_of_known(apart), 2 * mean_of_known(self.covariance[view, known]) / count

@@ -1,0 +1,1 @@
+"""What a measurement reads: the session, videos, sensors."""

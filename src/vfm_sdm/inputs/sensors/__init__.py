@@ -1,0 +1,1 @@
+"""Recordings of accelerometers and displacement sensors, and reference displacement from them."""

@@ -1,0 +1,35 @@
+"""The measurement session: what was filmed, measured on site and wanted, and its file ``session.toml``."""
+
+from vfm_sdm.core.files import file_hash
+from vfm_sdm.inputs.session.exif import lens_from_exif
+from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
+from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
+from vfm_sdm.inputs.session.model import Chessboard, Lens, Point, Sensor, Session, View
+from vfm_sdm.inputs.session.recordings import FirstFrames, input_files, open_views
+from vfm_sdm.inputs.session.site import Length, Level, Measured, Range, Site
+
+__all__ = [
+    "Chessboard",
+    "FirstFrames",
+    "Length",
+    "Lens",
+    "Level",
+    "Measured",
+    "Method",
+    "Network",
+    "Point",
+    "Range",
+    "Sensor",
+    "Session",
+    "Sfm",
+    "Sgr",
+    "Site",
+    "View",
+    "file_hash",
+    "input_files",
+    "lens_from_exif",
+    "open_views",
+    "read_session",
+    "session_hash",
+    "write_session",
+]

@@ -1,0 +1,148 @@
+"""``session.toml`` on disk: reading with clear messages, writing without half-written files, hashing."""
+
+import hashlib
+import json
+import os
+import tomllib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from vfm_sdm.core.files import replace_file
+from vfm_sdm.errors import SessionError
+from vfm_sdm.inputs.session.method import table_paths
+from vfm_sdm.inputs.session.model import Session
+
+__all__ = ["read_session", "session_hash", "write_session"]
+
+
+def read_session(path: Path | str, *, check_files: bool = True) -> Session:
+    """The session in a TOML file; relative paths in it start at the file's folder.
+
+    Parameters
+    ----------
+    path
+        The file.
+    check_files
+        Whether the videos and other files that it names must be there.
+
+    Raises
+    ------
+    SessionError
+        The file is missing or is not TOML (the message gives the line), or lists every fault in it, one a line.
+    """
+    source = Path(path)
+    try:
+        # The signature, because some editors begin a file with a byte order mark, which TOML does not know.
+        fields = tomllib.loads(source.read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError as error:
+        raise SessionError(f"{source}: expected a session file, got no such file; check the path") from error
+    except OSError as error:
+        raise SessionError(f"{source}: expected a readable session file, got: {error.strerror}; check it") from error
+    except UnicodeDecodeError as error:
+        raise SessionError(
+            f"{source}: expected text in UTF-8, got another at byte {error.start}; save it so"
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise SessionError(f"{source}: expected TOML, got: {error}; correct that line") from error
+    folder = source.absolute().parent
+    faults: list[str] = []
+    if "folder" in fields:
+        del fields["folder"]
+        faults.append("folder: expected no such key, it is where the file lies; remove it")
+    try:
+        session = Session(**fields, folder=folder)
+    except SessionError as error:
+        faults.append(str(error))
+    else:
+        faults += list(_missing_files(session)) if check_files else []
+    if faults:
+        lines = [line for fault in faults for line in fault.splitlines()]
+        head = f"{source}: " if len(lines) == 1 else f"{source}: {len(lines)} faults\n  "
+        raise SessionError(head + "\n  ".join(lines))
+    return session
+
+
+def write_session(path: Path | str, session: Session) -> Path:
+    """Writes a session with all its settings, defaults included, as TOML.
+
+    Written to another folder than `Session.folder`, its relative paths are rewritten so that they lead to the same
+    files. An earlier file is replaced only when the new one is complete.
+
+    Raises
+    ------
+    SessionError
+        The file cannot be written.
+    """
+    target = Path(path)
+    # TOML has no null: an absent key says the same.
+    fields = session.model_dump(mode="json", exclude_none=True)
+    _move_paths(_path_entries(session, fields), session.folder.absolute(), target.absolute().parent)
+    try:
+        with replace_file(target) as temporary:
+            temporary.write_bytes(tomli_w.dumps(_without_empty(fields)).encode())
+    except OSError as error:
+        raise SessionError(f"{target}: expected to write it, got: {error.strerror}; choose another folder") from error
+    return target
+
+
+def session_hash(session: Session) -> str:
+    """SHA-256 of everything the session says, as 64 hexadecimal digits.
+
+    Independent of the order and spelling of the file, of whether a default is written out, and of the folder; the
+    contents of the files that it names do not enter (see `file_hash`).
+    """
+    text = json.dumps(session.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _without_empty(value: Any) -> Any:
+    """The same tables without empty lists and tables, which only clutter the file."""
+    if isinstance(value, dict):
+        pruned = {key: _without_empty(inner) for key, inner in value.items()}
+        return {key: inner for key, inner in pruned.items() if inner not in ([], {})}
+    return [_without_empty(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _path_entries(session: Session, fields: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
+    """Every table of a dumped session that holds a path or pattern, with its key."""
+    for name, table in session.method.tables.items():
+        yield from ((fields["method"][name], key) for key in table_paths(table))
+    for table in (*fields["view"], *fields["sensor"], fields.get("chessboard", {})):
+        for key in ("video", "images", "camera", "file", "corners"):
+            if isinstance(table.get(key), dict):
+                yield from ((table[key], view) for view in table[key])
+            elif key in table:
+                yield table, key
+
+
+def _move_paths(entries: Iterable[tuple[dict[str, Any], str]], start: Path, end: Path) -> None:
+    if start == end:
+        return
+    for table, key in entries:
+        if not Path(table[key]).is_absolute():
+            table[key] = Path(os.path.relpath(start / table[key], end)).as_posix()
+
+
+def _missing_files(session: Session) -> Iterator[str]:
+    files = [(f"view[{view.name}].{key}", getattr(view, key)) for view in session.view for key in ("video", "camera")]
+    files += [(f"sensor[{sensor.name}].file", sensor.file) for sensor in session.sensor]
+    patterns = [(f"view[{view.name}].images", view.images) for view in session.view]
+    if session.chessboard is not None:
+        files.append(("chessboard.corners", session.chessboard.corners))
+        images = session.chessboard.images or {}
+        patterns += [(f"chessboard.images.{view}", pattern) for view, pattern in images.items()]
+    for label, file in files:
+        if file is not None and not session.resolve(file).is_file():
+            found = "a folder" if session.resolve(file).is_dir() else "no such file"
+            yield f"{label}: expected a file at {file}, got {found}; correct the path, seen from the session's folder"
+    for label, pattern in patterns:
+        if pattern is not None and not any(_matches(session.resolve_pattern(pattern))):
+            yield f"{label}: expected files that match {pattern}, got none; correct the pattern"
+
+
+def _matches(pattern: str) -> Iterator[Path]:
+    path = Path(pattern)
+    return Path(path.anchor).glob(str(path.relative_to(path.anchor)))

@@ -1,0 +1,184 @@
+"""The table ``[method]`` of ``session.toml``: which parts measure, and with which settings.
+
+Parts are named as `vfm_sdm.core.parts` and installed packages list them. A part may have a table of its own,
+``[method.NAME]``, which its own model validates; a part that is chosen has it also where the file says nothing, with
+its defaults, so that a session states all that it measures with.
+"""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict, model_validator
+from pydantic_core import PydanticKnownError
+
+from vfm_sdm.core.parts import KINDS, Kind
+from vfm_sdm.core.registry import explain_unknown, find, parts_of, settings_model
+from vfm_sdm.errors import BackendUnavailableError
+from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive
+from vfm_sdm.networks.interface import Precision
+
+__all__ = ["Method", "Network", "Sfm", "Sgr", "table_paths"]
+
+_Weight = Annotated[Number, Field(ge=0)]
+
+
+def _named(kind: Kind) -> AfterValidator:
+    """A validator of the name of a part."""
+
+    def check(name: str) -> str:
+        if unknown := explain_unknown(kind, name):
+            raise ValueError(unknown)
+        if name in Method.model_fields and find(kind, name).settings:
+            raise ValueError(
+                f"expected a part whose table has a name of its own, got {name!r}, which is another key of [method]; "
+                "ask its author to rename it"
+            )
+        return name
+
+    return AfterValidator(check)
+
+
+@dataclass(frozen=True)
+class _RawTable:
+    """What stands under a key of ``[method]`` that is none of its own, with the key."""
+
+    name: str
+    content: Any
+
+
+def _table(raw: _RawTable | BaseModel) -> BaseModel:
+    """The settings of a part, validated by the model that the part declares."""
+    if isinstance(raw, BaseModel):
+        return raw
+    try:
+        model = settings_model(raw.name)
+    except BackendUnavailableError as error:
+        raise ValueError(str(error)) from error
+    if model is None:
+        raise PydanticKnownError("extra_forbidden")
+    return model.model_validate(raw.content)
+
+
+def _increasing(interval: tuple[float, float]) -> tuple[float, float]:
+    if not 0 <= interval[0] < interval[1]:
+        raise ValueError(f"expected 0 <= start < end in seconds, got {list(interval)}; swap or correct them")
+    return interval
+
+
+def _subset(size: int) -> int:
+    if size % 2 == 0 or size < 9:
+        raise ValueError(f"expected an odd number of pixels >= 9, got {size}; use 41 when in doubt")
+    return size
+
+
+class Sgr(Entry):
+    """Settings of the structural geometry refinement (`vfm_sdm.stages.refinement`); the paper's by default."""
+
+    suppressed_axis: Literal["lateral", "vertical", "longitudinal"] = "longitudinal"
+    uncertain_view: Name = "auto"
+    """Name of the view to correct, or the one that each point's covariances show to be the poorer."""
+    longitudinal: _Weight = 4.0
+    longitudinal_rate: _Weight = 8.0
+    others: _Weight = 6.0
+    others_rate: _Weight = 12.0
+    pixel: Positive = 0.05
+
+
+class Network(Entry):
+    """Settings of the back ends that run a network: ``vggt``, ``tapir`` and what builds on them."""
+
+    weights: Name | None = None
+    """Name of a checkpoint (``vfm-sdm weights list``), or its file; the back end's own where nothing is said."""
+    preset: Literal["fast", "paper"] = "fast"
+    """How VGGT sees a recording: ``paper`` pads patches and streams overlapping chunks as the paper does, ``fast``
+    takes small chunks that all begin with the reference frame."""
+    device: Name = "auto"
+    """Where it runs, in PyTorch's words; a GPU where there is one."""
+    precision: Precision = "auto"
+    """Of VGGT's matrix products; bfloat16 on GPUs by default. TAPIR always runs in float32."""
+
+
+class Sfm(Entry):
+    """Settings of the cameras ``sfm``: what is matched, and by whom."""
+
+    features: Annotated[Name, _named("features")] = "sift"
+    matcher: Literal["superglue", "lightglue"] | None = None
+    """Who matches SuperPoint's features: SuperGlue where nothing is said, as in the paper."""
+    model: Name | None = None
+    """Folder of the matcher's checkpoint; the published one from the download cache where nothing is said."""
+
+    @model_validator(mode="after")
+    def _learned(self) -> Self:
+        if self.features == "sift" and (self.matcher or self.model):
+            raise ValueError('expected features = "superpoint" for a matcher or model, got "sift"; add it')
+        return self
+
+
+class Method(Entry):
+    """How to measure."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Annotated[Any, BeforeValidator(_table)]]
+
+    tracker: Annotated[Name, _named("trackers")] = "icgn"
+    cameras: Annotated[Name, _named("cameras")] = "two-view"
+    refinement: Literal["none", "sgr"] = "none"
+    synchronization: Literal["motion", "none"] = "motion"
+    """Whether the offset between views is estimated from the points' motion, or taken as stated."""
+    camera_motion: Literal["remove", "keep"] = "remove"
+    """Whether motion of the cameras that static points show is taken out of the tracks, where that is sure to help."""
+    sgr: Sgr = Sgr()
+    still_interval_s: Annotated[tuple[Number, Number], AfterValidator(_increasing)] | None = None
+    """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""
+    subset_px: Annotated[int, Strict(), AfterValidator(_subset)] = 41
+    """Side of the square that a tracker compares [px]."""
+    correspondence: Annotated[Name, _named("matchers")] = "registration"
+    """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
+    VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
+    network: Network = Network()
+    sfm: Sfm = Sfm()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _parts_tables(cls, fields: Any) -> Any:
+        """The fields with the tables of all chosen parts, each with its name."""
+        if not isinstance(fields, Mapping):
+            return fields
+        own = {key: value for key, value in fields.items() if key in cls.model_fields}
+        tables = {key: _RawTable(key, value) for key, value in fields.items() if key not in own}
+        unsaid = {name: _RawTable(name, {}) for name in cls._with_settings(own) if name not in fields}
+        return {**own, **tables, **unsaid}
+
+    @classmethod
+    def _with_settings(cls, fields: Mapping[str, Any]) -> set[str]:
+        """Names of the chosen parts that have a table; a part that cannot be had says so when it is made."""
+        names: set[str] = set()
+        for kind, info in KINDS.items():
+            name = _raw_name(fields, info.field) if info.field else None
+            if name is not None and explain_unknown(kind, name) is None:
+                with suppress(BackendUnavailableError):
+                    names |= {called for (_, called), part in parts_of(kind, name).items() if part.settings}
+        return names
+
+    @property
+    def tables(self) -> dict[str, BaseModel]:
+        """Settings of parts by the parts' names."""
+        return dict(self.model_extra or {})
+
+
+def _raw_name(fields: Mapping[str, Any], dotted: str) -> str | None:
+    """Name of a part in unchecked fields; the default's where there is none, ``None`` where it is no text."""
+    here: Any = fields
+    default: Any = Method.model_construct()
+    for key in dotted.split("."):
+        default = getattr(default, key)
+        here = here.get(key, default) if isinstance(here, Mapping) else getattr(here, key, default)
+    return here if isinstance(here, str) else None
+
+
+def table_paths(table: BaseModel) -> dict[str, Path]:
+    """The paths in a part's settings, by key."""
+    return {key: value for key, value in table if isinstance(value, Path)}

@@ -1,0 +1,239 @@
+"""The frozen models behind ``session.toml``; unknown keys are refused.
+
+Lengths are metres; pixels follow the convention that the centre of the top-left pixel is (0, 0), order u (right),
+v (down). A `Session` reports all its faults at once as one `SessionError`; its parts, built alone in Python, raise
+pydantic's ``ValidationError`` (a ``ValueError``).
+"""
+
+from collections.abc import Sequence
+from datetime import datetime
+from glob import escape
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    AwareDatetime,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    Strict,
+    ValidationError,
+    model_validator,
+)
+
+from vfm_sdm.errors import SessionError
+from vfm_sdm.inputs.session.faults import cross_faults, field_faults
+from vfm_sdm.inputs.session.method import Method, table_paths
+from vfm_sdm.inputs.session.narrow import narrow
+from vfm_sdm.inputs.session.site import Entry, Level, Name, Number, Positive, Site
+
+__all__ = ["Chessboard", "Lens", "Point", "Sensor", "Session", "View"]
+
+_Count = Annotated[int, Strict(), Field(ge=3)]
+_ViewName = Annotated[Name, Field(pattern=r"^[^/\\]+$")]  # becomes a netCDF group and part of a file name
+_PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
+_Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
+_Pixel = tuple[_Coordinate, _Coordinate]
+
+
+def _instant(value: object) -> object:
+    if not isinstance(value, (str, datetime)):
+        # pydantic would take a number for seconds since 1970; it reports a ValueError with the key, a TypeError not.
+        raise ValueError(f"expected a date and time such as 2026-11-20T10:15:30.25Z, got {value!r}")  # noqa: TRY004
+    return value
+
+
+_Start = Annotated[AwareDatetime, BeforeValidator(_instant)]
+
+
+class Lens(Entry):
+    """What is known of the focal length before looking at the images.
+
+    Either ``focal_mm`` and ``sensor_width_mm`` (the true focal length, and the width of the sensor area that is
+    recorded), or ``focal_px``. ``relative_std`` is the relative standard deviation of the focal length [1].
+    """
+
+    focal_mm: Positive | None = None
+    sensor_width_mm: Positive | None = None
+    focal_px: Positive | None = None
+    relative_std: Positive = 0.02
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        millimetres = (self.focal_mm is not None, self.sensor_width_mm is not None)
+        if self.focal_px is not None and any(millimetres):
+            raise ValueError("expected focal_px or focal_mm with sensor_width_mm, got both; keep one of them")
+        if self.focal_px is None and not all(millimetres):
+            raise ValueError("expected focal_px, or focal_mm with sensor_width_mm, got neither complete; add them")
+        return self
+
+    def focal_prior_px(self, image_width: int) -> float:
+        """The focal length [px] for images of this width.
+
+        Parameters
+        ----------
+        image_width
+            Number of pixels along the sensor's width [px]; of a rotated video, the width before the rotation.
+
+        Raises
+        ------
+        SessionError
+            The width is not positive.
+        """
+        if image_width <= 0:
+            raise SessionError(f"image_width: expected pixels > 0, got {image_width}; pass the width of the video")
+        if self.focal_px is not None:
+            return self.focal_px
+        if self.focal_mm is None or self.sensor_width_mm is None:
+            raise SessionError("lens: expected focal_px, or focal_mm with sensor_width_mm, got neither; add them")
+        return self.focal_mm / self.sensor_width_mm * image_width
+
+
+class View(Entry):
+    """One camera's recording: a ``video``, or ``images`` (a glob pattern) with ``fps``."""
+
+    name: _ViewName
+    video: _PathField | None = None
+    images: Name | None = None
+    fps: Positive | None = None
+    """Frames a second of an image sequence [Hz]."""
+    lens: Lens | None = None
+    camera: _PathField | None = None
+    """File with the known camera, own TOML or OpenCV YAML."""
+    time_offset_s: Number | None = None
+    """How much later this view's first frame was taken than the reference view's first frame [s]; roughly, where the
+    motion gives it exactly (`Method.synchronization`). 0 counts as stated, nothing does not."""
+    time_offset_std_s: Positive | None = None
+    """Standard deviation of that [s]; it decides between peaks where the motion alone cannot."""
+    start: _Start | None = None
+    """When the first frame was taken, with its offset from UTC: another way to state the time offset."""
+    level: Level | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.video is None) == (self.images is None):
+            found = "neither" if self.video is None else "both"
+            raise ValueError(f"expected either video or images, got {found}; give exactly one of them")
+        if self.images is not None and self.fps is None:
+            raise ValueError("fps: expected frames a second for images, got nothing; add fps = 30.0 or what is true")
+        if self.video is not None and self.fps is not None:
+            raise ValueError("fps: expected none beside a video, whose own time stamps are used; remove fps")
+        return self
+
+
+class Point(Entry):
+    """A point to measure, named and placed in the first frame of one view."""
+
+    name: Name
+    view: Name
+    pixel: _Pixel
+    static: bool = False
+    """Whether it must not move (on the abutment or in the background); used for checks and camera motion."""
+    pixel_in: dict[str, _Pixel] = Field(default_factory=dict)
+    """Positions in other views, by view name, where the search must not decide [px]."""
+
+
+class Sensor(Entry):
+    """A reference sensor's recording and the point it sits at."""
+
+    name: Name
+    file: _PathField
+    point: Name | None = None
+    columns: dict[Literal["time", "lateral", "vertical", "longitudinal"], Name] = Field(default_factory=dict)
+    """Column of the file for ``time`` and for each axis; a leading ``-`` before an axis' column reverses its sign."""
+    units: Literal["g", "m/s2", "mm", "m"] | None = None
+    """Acceleration (``g``, ``m/s2``) or displacement (``mm``, ``m``)."""
+    sampling_rate_hz: Positive | None = None
+    start: _Start | None = None
+    """When the first sample was taken, with its offset from UTC."""
+
+
+class Chessboard(Entry):
+    """Calibration pictures of one chessboard: ``images`` (a glob pattern a view), or a file of ready ``corners``."""
+
+    pattern: tuple[_Count, _Count]
+    """Inner corners along a row and along a column."""
+    square_mm: Positive
+    images: dict[str, str] | None = None
+    corners: _PathField | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.images is None) == (self.corners is None):
+            found = "neither" if self.images is None else "both"
+            raise ValueError(f"expected either images or corners, got {found}; give exactly one of them")
+        return self
+
+
+class Session(Entry):
+    """A measurement session; the first view is the reference.
+
+    Raises
+    ------
+    SessionError
+        Names every fault of every field at once, one a line.
+    """
+
+    name: Name
+    view: Annotated[tuple[View, ...], Field(min_length=1)]
+    site: Site = Site()
+    point: Annotated[tuple[Point, ...], Field(min_length=1)]
+    sensor: tuple[Sensor, ...] = ()
+    method: Method = Method()
+    chessboard: Chessboard | None = None
+    folder: Path = Field(default=Path(), exclude=True)
+    """Where relative paths start: the folder of the session's file. Not written to it."""
+
+    def __init__(self, **fields: Any) -> None:
+        # Cross checks look at the raw fields, so that they are reported together with faulty fields.
+        faults: list[str] = []
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            faults += field_faults(error, type(self), fields)
+        faults += cross_faults(fields)
+        if faults:
+            raise SessionError("\n".join(faults))
+
+    @property
+    def reference_view(self) -> View:
+        """The first view, whose camera defines the reference frame and whose first frame defines time zero."""
+        return self.view[0]
+
+    def stated_offset_s(self, view: View) -> float | None:
+        """How much later a view begins than the reference view [s]; ``None`` where the session does not say."""
+        first = self.reference_view.start
+        if view.start is not None and first is not None:
+            return (view.start - first).total_seconds()
+        return view.time_offset_s
+
+    @property
+    def resolved_method(self) -> Method:
+        """The method with paths as seen from here: a relative one starts at the session's folder."""
+        network, sfm = self.method.network, self.method.sfm
+        # Names of checkpoints have no suffix, and a name of the matcher's hub is no folder.
+        if network.weights and Path(network.weights).suffix:
+            network = network.model_copy(update={"weights": str(self.resolve(Path(network.weights).expanduser()))})
+        if sfm.model and self.resolve(sfm.model).is_dir():
+            sfm = sfm.model_copy(update={"model": str(self.resolve(sfm.model))})
+        tables = {
+            name: table.model_copy(update={key: self.resolve(path) for key, path in table_paths(table).items()})
+            for name, table in self.method.tables.items()
+        }
+        return self.method.model_copy(update={"network": network, "sfm": sfm, **tables})
+
+    def narrowed(self, reads: Sequence[str]) -> Self:
+        """The session with the named fields alone, as `vfm_sdm.inputs.session.narrow` explains."""
+        return narrow(self, reads, always=("folder",))
+
+    def as_fields(self) -> dict[str, Any]:
+        """Its fields as plain tables, as JSON holds them."""
+        return self.model_dump(mode="json", warnings=False)
+
+    def resolve(self, path: Path | str) -> Path:
+        """The path as seen from here: a relative one starts at the session's folder."""
+        return self.folder / path
+
+    def resolve_pattern(self, pattern: str) -> str:
+        """The glob pattern as seen from here; wildcard characters in the session's folder are taken literally."""
+        return str(Path(escape(str(self.folder))) / pattern)

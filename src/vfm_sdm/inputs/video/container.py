@@ -1,0 +1,145 @@
+"""Frames of a video file through PyAV: what the container says, time stamps and rotation."""
+
+import math
+from collections.abc import Generator, Iterable
+from contextlib import closing
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import cast
+
+import av
+import numpy as np
+from av.sidedata.sidedata import SideData
+
+from vfm_sdm.core.statuses import RecordingStatus
+from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.color import convert_part
+from vfm_sdm.inputs.video.decoder import open_stream, read_pictures
+from vfm_sdm.inputs.video.luma import luma_bits, luma_plane
+from vfm_sdm.inputs.video.records import DecodeStop, Frame, VideoInfo
+
+__all__ = ["ContainerSource"]
+
+# Display matrix (a, b, c, d) of ISO/IEC 14496-12, x' = a x + c y and y' = b x + d y, and the clockwise turn it makes.
+_CLOCKWISE_DEG = {(1, 0, 0, 1): 0, (0, 1, -1, 0): 90, (-1, 0, 0, -1): 180, (0, -1, 1, 0): 270}
+_FIXED_POINT = 65536
+
+
+class ContainerSource:
+    """The first video stream of a file.
+
+    Parameters
+    ----------
+    path
+        The file: mp4, mov, mkv, or another container whose stream has time stamps.
+
+    Raises
+    ------
+    VideoError
+        The file is missing or empty, is not a video, or not one frame of it can be decoded and placed in time.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._base, self.info = self._probe()
+
+    def stream(self) -> Generator[Frame]:
+        """A fresh pass over the frames, in order, numbered from 0.
+
+        Raises
+        ------
+        DecodeStop
+            The file ends early, data are damaged, the picture changes its size, or a time stamp is missing or does
+            not rise.
+        """
+        first: int | None = None
+        last = 0
+        # np.rot90 turns anticlockwise; it is a view, and so keeps the picture's memory alive.
+        turns = -self.info.rotation_deg // 90
+        seconds, ticks = self._base.as_integer_ratio()
+        with closing(read_pictures(self._path)) as pictures:
+            for index, picture in enumerate(pictures):
+                self._check_size(picture)
+                stamp = _rising_stamp(picture, None if first is None else last, self._base)
+                first = stamp if first is None else first
+                last = stamp
+                luma = luma_plane(picture)
+                yield Frame(
+                    index,
+                    (stamp - first) * seconds / ticks,
+                    np.rot90(luma, turns) if turns else luma,
+                    partial(convert_part, picture, rotation_deg=self.info.rotation_deg),
+                )
+
+    def _check_size(self, picture: av.VideoFrame) -> None:
+        width, height = _turned_size(picture, self.info.rotation_deg)
+        if (width, height, picture.format.name) != (self.info.width, self.info.height, self.info.pixel_format):
+            raise DecodeStop(
+                RecordingStatus.CORRUPT,
+                f"expected {self.info.width} x {self.info.height} {self.info.pixel_format} throughout, got "
+                f"{width} x {height} {picture.format.name}; cut the file where the camera changed its settings",
+            )
+
+    def _probe(self) -> tuple[Fraction, VideoInfo]:
+        picture: av.VideoFrame | None = None
+        why = "the stream is empty; record it again"
+        with open_stream(self._path) as (container, video), closing(read_pictures(self._path)) as pictures:
+            try:
+                picture = next(pictures, None)
+            except DecodeStop as damage:
+                why = damage.detail
+            if picture is None:
+                raise VideoError(f"{self._path}: expected at least one usable frame, got none: {why}")
+            rotation_deg = _rotation_deg(picture, self._path)
+            width, height = _turned_size(picture, rotation_deg)
+            rate = video.average_rate or video.guessed_rate
+            return video.time_base or Fraction(1), VideoInfo(
+                source=str(self._path),
+                width=width,
+                height=height,
+                fps=float(rate) if rate else math.nan,
+                frame_count=video.frames or None,
+                duration_s=_duration_s(container, video),
+                codec=video.codec_context.name,
+                pixel_format=picture.format.name,
+                bit_depth=luma_bits(picture.format.name),
+                rotation_deg=rotation_deg,
+            )
+
+
+def _rising_stamp(picture: av.VideoFrame, last: int | None, base: Fraction) -> int:
+    # The decoder's accounts let no picture pass without one.
+    stamp = cast("int", picture.pts)
+    if last is not None and stamp <= last:
+        raise DecodeStop(
+            RecordingStatus.CORRUPT,
+            f"expected rising time stamps, got {float(stamp * base):.6f} s after {float(last * base):.6f} s; "
+            "write the file anew with rising stamps",
+        )
+    return stamp
+
+
+def _turned_size(picture: av.VideoFrame, rotation_deg: int) -> tuple[int, int]:
+    return (picture.height, picture.width) if rotation_deg % 180 else (picture.width, picture.height)
+
+
+def _duration_s(container: av.container.InputContainer, video: av.VideoStream) -> float | None:
+    if video.duration is not None and video.time_base is not None:
+        return float(video.duration * video.time_base)
+    return None if container.duration is None else float(container.duration / av.time_base)
+
+
+def _rotation_deg(picture: av.VideoFrame, path: Path) -> int:
+    for side_data in cast("Iterable[SideData]", picture.side_data):
+        if side_data.type.name == "DISPLAYMATRIX":
+            matrix = np.frombuffer(bytes(side_data), dtype=np.int32).reshape(3, 3)[:2, :2].ravel() / _FIXED_POINT
+            whole = np.rint(matrix)
+            turn = _CLOCKWISE_DEG.get(tuple(whole.tolist())) if np.allclose(matrix, whole, atol=1e-3) else None
+            if turn is None:
+                raise VideoError(
+                    f"{path}: expected a rotation by 0, 90, 180 or 270 degrees, got the display matrix "
+                    f"{matrix.tolist()}; correct it in the file"
+                )
+            return turn
+    return 0

@@ -1,0 +1,266 @@
+"""Pictures of a video stream, decoded once and in order, and the checks that tell damaged ones from sound ones."""
+
+import heapq
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import av
+
+from vfm_sdm.core.statuses import RecordingStatus
+from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.integrity import missing_bytes
+from vfm_sdm.inputs.video.records import DecodeStop
+
+__all__ = ["open_stream", "read_pictures"]
+
+# Without "explode" the decoders paint over damaged areas with their neighbours and say nothing.
+# "crccheck" compares the checksums of HEVC pictures where the encoder wrote them.
+_DECODER_OPTIONS = {"err_detect": "crccheck+explode"}
+_GAP_RATIO = 1.5
+# A key frame this many frames before another is decoded before it, however deeply the encoder reorders.
+_REORDER_STEPS = 32
+
+
+@contextmanager
+def open_stream(path: Path, *, threads: bool = True) -> Iterator[tuple[av.container.InputContainer, av.VideoStream]]:
+    """The container and its first video stream, ready to decode on all processors.
+
+    Parameters
+    ----------
+    path
+        A video file.
+    threads
+        Whether several pictures are decoded at once.
+
+    Yields
+    ------
+    container, stream
+        Both are closed when the context ends.
+
+    Raises
+    ------
+    VideoError
+        The file is missing or empty, cannot be opened, or has no video stream that can be decoded.
+    """
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "nothing of that name"
+        raise VideoError(f"{path}: expected a video file, got {found}; check the path")
+    if path.stat().st_size == 0:
+        raise VideoError(f"{path}: expected a video file, got an empty file; copy it again from the camera")
+    try:
+        # An absolute path, since FFmpeg takes "name:" at the front of a relative one for a protocol.
+        container = av.open(str(path.absolute()), mode="r", metadata_errors="replace")
+    except av.FFmpegError as error:
+        raise VideoError(
+            f"{path}: expected a video, got something that FFmpeg cannot open ({error.strerror}); check that the "
+            "recording was closed properly and copied whole"
+        ) from error
+    with container:
+        # A cover picture is a stream of one frame that no camera recorded.
+        streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+        if not streams:
+            kinds = ", ".join(sorted({str(s.type) for s in container.streams})) or "no stream at all"
+            raise VideoError(f"{path}: expected a video stream, got only {kinds}; give the file the camera recorded")
+        video = streams[0]
+        if video.codec_context is None:
+            raise VideoError(f"{path}: expected a codec that FFmpeg can decode, got none; convert it to H.264 or HEVC")
+        video.codec_context.options = dict(_DECODER_OPTIONS)
+        if threads:
+            # Whole pictures at once wherever the codec can; with slices at once, H.264 does not mark what it filled in.
+            video.thread_type = "AUTO"
+        else:
+            video.thread_count = 1
+        yield container, video
+
+
+def read_pictures(path: Path) -> Generator[av.VideoFrame]:
+    """The decoded pictures of a file in the order they are shown.
+
+    Parameters
+    ----------
+    path
+        A video file.
+
+    Yields
+    ------
+    picture
+        A decoded picture, not rotated, height by width as stored [px].
+
+    Raises
+    ------
+    DecodeStop
+        The file ends early, or data are damaged; every picture before was sound.
+    VideoError
+        The file cannot be opened as a video.
+
+    Notes
+    -----
+    Three things are checked: what the decoder itself reports, which is told to refuse damaged data instead of painting
+    over them; the time stamps, because every packet that went in must come out, so that a picture which the decoder
+    leaves out in silence is noticed when a later one appears; and the length of the file. A change that leaves a valid
+    stream without checksums (H.264 has none) cannot be noticed.
+
+    Decoding on several processors, an error surfaces some packets late. The group of pictures in question is then
+    decoded once more on a single one, so that a damaged file gives the same frames on every machine.
+    """
+    damage: DecodeStop
+    with open_stream(path) as (container, video):
+        first = _Pass(container, video, path)
+        try:
+            yield from first.pictures()
+        except DecodeStop as stop:
+            if stop.status == RecordingStatus.TRUNCATED:
+                raise
+            damage = stop
+        else:
+            return
+    with open_stream(path, threads=False) as (container, video):
+        again = _Pass(container, video, path, earlier=first)
+        try:
+            again.seek()
+        except av.FFmpegError:
+            # The index is damaged as well; what was yielded so far stands.
+            raise damage from None
+        yield from again.pictures()
+    raise damage
+
+
+class _Pass:
+    """One run of the decoder; with an ``earlier`` run, it goes on from where that one ended to where it failed."""
+
+    def __init__(
+        self,
+        container: av.container.InputContainer,
+        video: av.VideoStream,
+        path: Path,
+        *,
+        earlier: "_Pass | None" = None,
+    ) -> None:
+        self._container = container
+        self._video = video
+        self._path = path
+        self._earlier = earlier
+        self._first: int | None = None if earlier is None else earlier._first
+        self._last: int | None = None if earlier is None else earlier._last
+        self._step: int = 0 if earlier is None else earlier._step
+        # Latest stamp that went into the decoder, and those of pictures still inside it, smallest first.
+        self._newest = 0
+        self._waiting: list[int] = []
+        # Two fields of one interlaced picture may come in two packets, of which one then has no picture.
+        self._fields = False
+        # No packet that was not read is shown before this stamp; a gap behind it may hide one.
+        self._complete_to: int | None = None
+        # Whether the last picture of the earlier run was met again, so that none is left out between the runs.
+        self._joined = earlier is None or self._last is None
+        self._draining_early = False
+        self._ended = False
+
+    def seek(self) -> None:
+        """Move to the group of pictures that holds the last sound picture of the earlier run."""
+        if self._first is not None and self._last is not None:
+            target = self._last - _REORDER_STEPS * self._step
+            if target > self._first:
+                self._container.seek(target, stream=self._video)
+
+    def pictures(self) -> Generator[av.VideoFrame]:
+        """The pictures of this run; it ends with `DecodeStop` where the file does not end well."""
+        fed: int | None = None
+        partial = False
+        try:
+            for packet in self._container.demux(self._video):
+                if not packet.size:
+                    break
+                if partial:
+                    yield from self._remaining_pictures(fed)
+                    raise self._damage("incomplete data")
+                fed = packet.pts
+                self._complete_to = packet.dts
+                if packet.is_corrupt:
+                    # The demuxer could not read it whole: the end of the file, unless another packet follows.
+                    partial = True
+                    continue
+                if fed is not None and not packet.is_discard:
+                    heapq.heappush(self._waiting, fed)
+                    self._newest = max(self._newest, fed)
+                yield from self._check_pictures(packet.decode())
+                if self._ended:
+                    return
+            missing = missing_bytes(self._path)
+            self._draining_early = partial or missing > 0
+            yield from self._check_pictures(self._video.decode(None))
+        except av.FFmpegError as error:
+            # A decoder that never got a whole picture fails to flush, too: that is the early end, not damage.
+            missing = missing_bytes(self._path)
+            if not partial:
+                yield from self._remaining_pictures(fed)
+                raise self._damage(f"damaged data ({error.strerror})") from error
+        if partial or missing > 0:
+            raise DecodeStop(
+                RecordingStatus.TRUNCATED, f"the file ends early, by at least {max(missing, 1)} bytes; copy it again"
+            )
+        if self._waiting and not (self._fields or self._ended):
+            raise self._damage(f"{len(self._waiting)} pictures that do not decode")
+
+    def _remaining_pictures(self, limit: int | None) -> Generator[av.VideoFrame]:
+        """Pictures that the decoder still holds from before a bad packet; only without threads that is certain."""
+        if self._earlier is None:
+            return
+        self._draining_early = True
+        try:
+            held = self._video.decode(None)
+        except av.FFmpegError:
+            return
+        yield from self._check_pictures(held, limit)
+
+    def _check_pictures(self, pictures: list[av.VideoFrame], limit: int | None = None) -> Generator[av.VideoFrame]:
+        """The pictures, one by one, as long as they are sound and in order."""
+        for picture in pictures:
+            stamp = picture.pts
+            if stamp is None:
+                raise DecodeStop(
+                    RecordingStatus.CORRUPT,
+                    "a frame has no time stamp; copy the recording into an mp4 or mkv file with time stamps, or give "
+                    "its frames as images with their fps",
+                )
+            lost = self._check_off(stamp)
+            if self._earlier is not None and self._last is not None and stamp <= self._last:
+                self._joined = self._joined or stamp == self._last
+                continue
+            if self._is_beyond(stamp, limit):
+                self._ended = True
+                return
+            self._fields = self._fields or picture.interlaced_frame
+            if picture.is_corrupt or (lost and not self._fields):
+                raise self._damage("a picture that is damaged, missing or out of order")
+            if self._first is None:
+                self._first = stamp
+            self._step = picture.duration or (0 if self._last is None else stamp - self._last)
+            self._last = stamp
+            yield picture
+
+    def _check_off(self, stamp: int) -> bool:
+        """Whether a picture between the last one and this one went in and did not come out."""
+        lost = False
+        while self._waiting and self._waiting[0] <= stamp:
+            other = heapq.heappop(self._waiting)
+            # Pictures that precede the first one refer to something before the start (open groups).
+            lost = lost or (self._last is not None and self._last < other < stamp)
+        return lost
+
+    def _is_beyond(self, stamp: int, limit: int | None) -> bool:
+        if limit is not None and stamp >= limit:
+            return True
+        if self._earlier is not None and (stamp > self._earlier._newest or not self._joined):
+            return True
+        if not self._draining_early or self._last is None:
+            return False
+        certain = self._complete_to is not None and stamp <= self._complete_to
+        return not certain and stamp - self._last > _GAP_RATIO * self._step > 0
+
+    def _damage(self, found: str) -> DecodeStop:
+        base = self._video.time_base
+        if self._first is None or self._last is None or base is None:
+            return DecodeStop(RecordingStatus.CORRUPT, f"{found} at the start; copy the file again")
+        after_s = float((self._last - self._first) * base)
+        return DecodeStop(RecordingStatus.CORRUPT, f"{found} after {after_s:.3f} s; copy the file again")

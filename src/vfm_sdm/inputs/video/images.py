@@ -1,0 +1,180 @@
+"""Frames of a numbered sequence of image files."""
+
+import re
+from collections.abc import Callable, Generator
+from functools import cache, partial
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.statuses import RecordingStatus
+from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.records import DecodeStop, Frame, RgbArray, VideoInfo
+from vfm_sdm.inputs.video.region import Region
+
+__all__ = ["ImageSource", "find_images"]
+
+_JPEG = b"\xff\xd8"
+_TIFF = (b"II", b"MM")
+# Both apply the EXIF orientation. The luma of a JPEG is stored as such, so it is read without a colour conversion.
+_AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
+_LUMA_ONLY = cv2.IMREAD_GRAYSCALE
+_FORMATS = {("u1", 2): "gray", ("u2", 2): "gray16le", ("u1", 3): "bgr24", ("u2", 3): "bgr48le"}
+
+ImageArray = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+
+class ImageSource:
+    """Images of one size, a constant time apart.
+
+    Parameters
+    ----------
+    pattern
+        File pattern, see `find_images`.
+    fps
+        Images a second, positive [1/s].
+
+    Raises
+    ------
+    VideoError
+        No file matches, or the first one is not an image of 8 or 16 bits.
+    """
+
+    def __init__(self, pattern: str, fps: float) -> None:
+        self._files = find_images(pattern)
+        self._fps = fps
+        first = self._files[0]
+        try:
+            image, _ = _read_image(first)
+        except DecodeStop as damage:
+            raise VideoError(damage.detail) from damage
+        _check_single_page(first)
+        rows, columns = image.shape[:2]
+        self.info = VideoInfo(
+            source=pattern,
+            width=columns,
+            height=rows,
+            fps=fps,
+            frame_count=len(self._files),
+            duration_s=len(self._files) / fps,
+            codec=first.suffix.lower().lstrip("."),
+            pixel_format=_FORMATS[image.dtype.str[1:], image.ndim],
+            bit_depth=8 * image.dtype.itemsize,
+            rotation_deg=0,
+        )
+
+    def stream(self) -> Generator[Frame]:
+        """A fresh pass over the images, in order, numbered from 0.
+
+        Raises
+        ------
+        DecodeStop
+            A file cannot be read or decoded.
+        VideoError
+            An image has another size or bit depth than the first.
+        """
+        expected = (self.info.height, self.info.width, self.info.bit_depth)
+        for index, path in enumerate(self._files):
+            image, in_color = _read_image(path)
+            found = (*image.shape[:2], 8 * image.dtype.itemsize)
+            if found != expected:
+                raise VideoError(
+                    f"{path}: expected {_size_words(expected)} like {self._files[0].name}, got {_size_words(found)}; "
+                    "leave only images of one recording in the pattern"
+                )
+            luma = image if image.ndim == 2 else cast("LumaArray", cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+            luma.flags.writeable = False
+            yield Frame(index, index / self._fps, luma, partial(_convert_part, in_color))
+
+
+def find_images(pattern: str) -> list[Path]:
+    """Paths of the image files that match a pattern, in natural order: ``img2`` before ``img10``.
+
+    Parameters
+    ----------
+    pattern
+        A path whose later parts may hold ``*``, ``?`` and ``[...]``. Leading parts that exist as they stand are taken
+        literally, so a folder may have brackets in its name.
+
+    Raises
+    ------
+    VideoError
+        No file matches.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     for number in (10, 2, 1):
+    ...         Path(folder, f"img{number}.png").touch()
+    ...     print([path.name for path in find_images(f"{folder}/img*.png")])
+    ['img1.png', 'img2.png', 'img10.png']
+    """
+    parts = Path(pattern).parts
+    folder = Path()
+    while parts and (folder / parts[0]).exists():
+        folder, parts = folder / parts[0], parts[1:]
+    matches = folder.glob(str(Path(*parts))) if parts else [folder]
+    files = sorted((path for path in matches if path.is_file()), key=_natural_key)
+    if not files:
+        raise VideoError(
+            f"{pattern}: expected image files, got no match; check the folder and the pattern (left/*.jpg)"
+        )
+    return files
+
+
+def _natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
+    # Numbers compare by value and before text; the name itself decides between 1 and 01.
+    pieces = [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", str(path)) if p]
+    return pieces, str(path)
+
+
+def _read_image(path: Path) -> tuple[ImageArray, Callable[[], ImageArray]]:
+    """The image that holds the luma, and a function that gives its colours; a JPEG is decoded again for them."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DecodeStop(
+            RecordingStatus.CORRUPT, f"{path}: expected an image, got {error.strerror}; check the file"
+        ) from error
+    if data[:2] == _JPEG:
+        return _decode(path, data, _LUMA_ONLY), cache(partial(_decode, path, data, cv2.IMREAD_COLOR))
+    image = _decode(path, data, _AS_STORED)
+    if (image.dtype.str[1:], image.ndim) not in _FORMATS or image.dtype.kind != "u":
+        raise VideoError(
+            f"{path}: expected an image of 8 or 16 bits, got {image.dtype.name} of shape {image.shape}; convert it"
+        )
+    return image, lambda: image
+
+
+def _decode(path: Path, data: bytes, flags: int) -> ImageArray:
+    # From memory, since OpenCV fills up a JPEG file that ends early with grey. An empty buffer makes it raise.
+    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
+    if image is None:
+        raise DecodeStop(
+            RecordingStatus.CORRUPT, f"{path}: expected an image, got data that do not decode; copy the file again"
+        )
+    return cast("ImageArray", image)
+
+
+def _convert_part(in_color: Callable[[], ImageArray], region: Region) -> RgbArray:
+    part = region.crop(in_color())
+    # The upper eight of 16 bits.
+    eight = (part >> 8).astype(np.uint8) if part.itemsize > 1 else part
+    return cast("RgbArray", cv2.cvtColor(eight, cv2.COLOR_GRAY2RGB if eight.ndim == 2 else cv2.COLOR_BGR2RGB))
+
+
+def _check_single_page(path: Path) -> None:
+    with path.open("rb") as file:
+        is_tiff = file.read(2) in _TIFF
+    pages = cv2.imcount(str(path)) if is_tiff else 1
+    if pages > 1:
+        raise VideoError(f"{path}: expected one image a file, got {pages} pages; write every page to a file of its own")
+
+
+def _size_words(size: tuple[int, ...]) -> str:
+    return f"{size[1]} x {size[0]} px of {size[2]} bits"

@@ -1,0 +1,248 @@
+"""A view as a sequence of frames, whatever it is stored in."""
+
+import math
+from array import array
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.statuses import RecordingStatus
+from vfm_sdm.errors import DatasetError, VideoError
+from vfm_sdm.inputs.video.clock import count_dropped
+from vfm_sdm.inputs.video.container import ContainerSource
+from vfm_sdm.inputs.video.images import ImageSource
+from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
+
+__all__ = ["Video", "open_images", "open_video"]
+
+_SAMPLE_ROWS = 8
+_BLOCK_ROWS = 128
+
+
+class Video:
+    """Frames of one view, read in order as often as needed.
+
+    Parameters
+    ----------
+    source
+        Where the frames come from; `open_video` and `open_images` choose it.
+    """
+
+    def __init__(self, source: FrameSource) -> None:
+        self._source = source
+        self._report = DecodeReport(0, 0, 0, RecordingStatus.NOT_READ, "no pass over the frames has ended yet")
+
+    @property
+    def info(self) -> VideoInfo:
+        """What the container or the first image says about the view."""
+        return self._source.info
+
+    @property
+    def report(self) -> DecodeReport:
+        """What happened in the pass over `frames` that ended last."""
+        return self._report
+
+    def frames(self, *, stop: int | None = None) -> Iterator[Frame]:
+        """A fresh pass over the frames: each decoded once, in order, a bounded number of them in memory.
+
+        Parameters
+        ----------
+        stop
+            Number of frames after which to stop; all of them when ``None``.
+
+        Yields
+        ------
+        frame
+            Index, time [s] and luma, shape (height, width); see `vfm_sdm.inputs.video.records.Frame`.
+
+        Raises
+        ------
+        DatasetError
+            ``stop`` is less than 1.
+        VideoError
+            The file is gone, or an image differs in size or depth from the first.
+
+        Notes
+        -----
+        Where the data end early, are damaged, or a time stamp is missing or does not rise, the pass ends before that
+        frame, without an exception: look at `report`. No frame is made up, no time stamp repaired. In a damaged file,
+        the few frames inside the decoder at that moment are lost as well.
+
+        A frame is counted as duplicated when its luma equals that of the frame before in every pixel. A still scene
+        without noise looks the same to a lossy encoder, so such frames are counted, not removed.
+        """
+        if stop is not None and stop < 1:
+            raise DatasetError(f"stop: expected at least one frame, got {stop}; leave it out to read all frames")
+        return self._pass(stop)
+
+    def first_frame(self) -> Frame:
+        """The first frame; `report` stays as it is.
+
+        Raises
+        ------
+        VideoError
+            The file is gone or cannot be read any more.
+        """
+        return self._frame(0)
+
+    def color_frame(self, index: int = 0) -> RgbArray:
+        """A frame in colour; `report` stays as it is.
+
+        Parameters
+        ----------
+        index
+            Position of the frame; the video is decoded up to it. In a pass, use `Frame.color`.
+
+        Returns
+        -------
+        colours
+            Red, green and blue in 8 bits, shape (height, width, 3).
+
+        Raises
+        ------
+        DatasetError
+            ``index`` is negative.
+        VideoError
+            There is no such frame, or its colour space cannot be converted.
+        """
+        if index < 0:
+            raise DatasetError(f"index: expected 0 or more, got {index}; count frames from the first")
+        return self._frame(index).color()
+
+    def _frame(self, index: int) -> Frame:
+        count = 0
+        why = ""
+        with closing(self._source.stream()) as stream:
+            try:
+                for frame in stream:
+                    if frame.index == index:
+                        return frame
+                    count += 1
+            except DecodeStop as damage:
+                why = f" ({damage})"
+        advice = "ask for an earlier one" if count else "check the file"
+        raise VideoError(f"{self.info.source}: expected a frame {index}, got {count} frames{why}; {advice}")
+
+    def _pass(self, stop: int | None) -> Iterator[Frame]:
+        tally = _Tally()
+        status = RecordingStatus.OK
+        detail = "left before its end"
+        try:
+            with closing(self._source.stream()) as stream:
+                for frame in stream:
+                    tally.add(frame)
+                    yield frame
+                    if tally.frames == stop:
+                        detail = "stopped as asked"
+                        break
+                else:
+                    detail = ""
+        except (DecodeStop, VideoError) as error:
+            status = error.status if isinstance(error, DecodeStop) else RecordingStatus.CORRUPT
+            detail = str(error)
+            if isinstance(error, VideoError):
+                raise
+        finally:
+            self._report = tally.report(self.info, status, detail)
+
+
+class _Tally:
+    """Counts of the frames of a pass; holds their time stamps and the last frame."""
+
+    def __init__(self) -> None:
+        self._time_s = array("d")
+        self._duplicated = 0
+        self._previous: LumaArray | None = None
+
+    @property
+    def frames(self) -> int:
+        return len(self._time_s)
+
+    def add(self, frame: Frame) -> None:
+        if self._previous is not None and _same_picture(self._previous, frame.luma):
+            self._duplicated += 1
+        self._previous = frame.luma
+        self._time_s.append(frame.time_s)
+
+    def report(self, info: VideoInfo, status: RecordingStatus, detail: str) -> DecodeReport:
+        self._previous = None
+        dropped, regular = count_dropped(np.array(self._time_s))
+        words = [f"read {self.frames}{_format_claim(info)} frames"]
+        if detail:
+            words.append(detail)
+        if not regular:
+            words.append("irregular time stamps: dropped frames cannot be told")
+        return DecodeReport(self.frames, self._duplicated, dropped, status, "; ".join(words))
+
+
+def open_video(path: str | Path) -> Video:
+    """The video in a file: H.264, HEVC or whatever else FFmpeg decodes, in mp4, mov, mkv and the like.
+
+    Parameters
+    ----------
+    path
+        The file. Its first frame is decoded here, to know that it can be used.
+
+    Raises
+    ------
+    VideoError
+        The file is missing or empty, is not a video, holds no decodable frame, has no time stamps, or is to be shown
+        mirrored or at an angle other than 0, 90, 180 or 270 degrees.
+    """
+    return Video(ContainerSource(Path(path)))
+
+
+def open_images(pattern: str | Path, fps: float) -> Video:
+    """The images that match a pattern, in natural order, a constant time apart.
+
+    Parameters
+    ----------
+    pattern
+        JPEG, PNG or TIFF files of 8 or 16 bits, such as ``left/*.jpg``.
+    fps
+        Images a second [1/s].
+
+    Raises
+    ------
+    DatasetError
+        ``fps`` is not positive.
+    VideoError
+        No file matches, or the first one cannot be used.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     for number in range(3):
+    ...         _ = cv2.imwrite(f"{folder}/{number}.png", np.full((48, 64), number, np.uint8))
+    ...     video = open_images(f"{folder}/*.png", fps=10)
+    ...     print(video.info.width, video.info.height, [frame.time_s for frame in video.frames()])
+    64 48 [0.0, 0.1, 0.2]
+    """
+    if not (math.isfinite(fps) and fps > 0):
+        raise DatasetError(f"fps: expected a positive number of images a second, got {fps}; give the camera's rate")
+    return Video(ImageSource(str(pattern), float(fps)))
+
+
+def _format_claim(info: VideoInfo) -> str:
+    if info.frame_count is not None:
+        return f" of {info.frame_count} claimed"
+    if info.duration_s is not None and math.isfinite(info.fps):
+        return f" of about {info.duration_s * info.fps:.0f} claimed"
+    return ""
+
+
+def _same_picture(first: LumaArray, second: LumaArray) -> bool:
+    if abs(first.strides[1]) > abs(first.strides[0]):
+        # Pictures turned by a quarter lie in memory column by column.
+        first, second = first.T, second.T
+    # A few rows tell nearly all pictures apart at next to no cost; the rest is compared in blocks that fit the cache.
+    step = max(1, first.shape[0] // _SAMPLE_ROWS)
+    if not np.array_equal(first[step // 2 :: step], second[step // 2 :: step]):
+        return False
+    starts = range(0, first.shape[0], _BLOCK_ROWS)
+    return all(np.array_equal(first[s : s + _BLOCK_ROWS], second[s : s + _BLOCK_ROWS]) for s in starts)

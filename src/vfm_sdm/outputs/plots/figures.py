@@ -1,0 +1,175 @@
+"""The figures of a run folder, and their files."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from vfm_sdm.core.files import replace_file
+from vfm_sdm.errors import DatasetError, ResultsError
+from vfm_sdm.outputs.plots.audit import plot_audit
+from vfm_sdm.outputs.plots.drawing import list_names
+from vfm_sdm.outputs.plots.panels import plot_displacement, plot_points, plot_trajectory
+from vfm_sdm.stages.audit import Audit
+
+__all__ = ["file_stem", "save_figures"]
+
+_DPI = 150
+_MOST_PANELS = 12
+_WIDTH_IN = 9.0
+
+
+def save_figures(
+    folder: Path | str,
+    tracks_by_view: Mapping[str, xr.Dataset],
+    displacement: xr.Dataset | None,
+    frames: Mapping[str, npt.NDArray[Any]],
+    points_by_view: Mapping[str, npt.ArrayLike],
+    *,
+    audit: Audit | None = None,
+) -> list[Path]:
+    """Writes the figures of a run into ``figures/`` of its folder and returns their paths.
+
+    ``trajectory_<view>.png``, ``displacement_<point>.png`` (one panel an axis), ``points_<view>.png`` and
+    ``audit.png``; characters that file names may not have are replaced (see `file_stem`).
+
+    Parameters
+    ----------
+    folder
+        The run folder.
+    tracks_by_view
+        Tracks of each view, shape (T, P, 2) [px].
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm]; None when there is none.
+    frames
+        First frame by view, shape (H, W) or (H, W, 3).
+    points_by_view
+        Positions in that frame by view, shape (P, 2) [px], in the order of the view's tracks.
+    audit
+        Checks and verdict; None when there are none.
+
+    Raises
+    ------
+    ResultsError
+        A figure cannot be written.
+    DatasetError
+        The data do not fit together.
+    """
+    figures: list[tuple[str, Figure]] = []
+    for view, tracks in tracks_by_view.items():
+        figures.append((f"trajectory_{file_stem(view)}", _draw_trajectories(view, tracks)))
+    if displacement is not None:
+        for point in list_names(displacement, "point"):
+            figures.append((f"displacement_{file_stem(point)}", _draw_displacement(displacement, point)))
+    for view, points in points_by_view.items():
+        if view not in frames or view not in tracks_by_view:
+            raise DatasetError(f"view {view!r}: expected its first frame and its tracks, got neither or one; pass both")
+        height, width = frames[view].shape[:2]
+        figure = _make_figure(rows_in=min(_WIDTH_IN * height / width, 12.0))
+        axes = plot_points(frames[view], points, list_names(tracks_by_view[view], "point"), figure.add_subplot())
+        axes.set_title(f"points in view {view}, first frame", loc="left")
+        figures.append((f"points_{file_stem(view)}", figure))
+    if audit is not None:
+        figures.append(("audit", _draw_audit(audit)))
+    return _write_figures(Path(folder) / "figures", figures)
+
+
+def file_stem(name: str) -> str:
+    """A name as part of a file name.
+
+    Parameters
+    ----------
+    name
+        Name of a view or a point.
+
+    Examples
+    --------
+    >>> file_stem("1/2 span")
+    '1-2_span'
+    """
+    stem = re.sub(r"[^\w.+-]", "-", re.sub(r"\s+", "_", name.strip()))
+    return stem.strip(".") or "unnamed"
+
+
+def _write_figures(folder: Path, figures: Sequence[tuple[str, Figure]]) -> list[Path]:
+    paths: list[Path] = []
+    taken: set[str] = set()
+    for stem, figure in figures:
+        # Two names may become one, at the latest where file systems ignore case.
+        unique, number = stem, 2
+        while unique.casefold() in taken:
+            unique, number = f"{stem}_{number}", number + 1
+        taken.add(unique.casefold())
+        path = folder / f"{unique}.png"
+        try:
+            with replace_file(path) as temporary:
+                figure.savefig(temporary, dpi=_DPI, pil_kwargs={"compress_level": 3})
+        except OSError as error:
+            raise ResultsError(f"{path}: expected to write it, got: {error}; choose another folder") from error
+        paths.append(path)
+    return paths
+
+
+def _draw_trajectories(view: str, tracks: xr.Dataset) -> Figure:
+    names = list_names(tracks, "point")
+    shown = names[:_MOST_PANELS]
+    figure = _make_figure(rows_in=1.7 * max(len(shown), 1))
+    panels = figure.subplots(max(len(shown), 1), 1, sharex=True, squeeze=False, gridspec_kw={"hspace": 0.3})[:, 0]
+    for panel, point in zip(panels, shown, strict=False):
+        plot_trajectory(tracks, panel, point=point)
+        panel.label_outer()
+    part = f" ({len(shown)} of {len(names)} points)" if len(shown) < len(names) else ""
+    _add_head(figure, f"image movement in view {view}{part}", panels.tolist())
+    return figure
+
+
+def _draw_displacement(displacement: xr.Dataset, point: str) -> Figure:
+    axes_names = list_names(displacement, "axis")
+    figure = _make_figure(rows_in=2.1 * len(axes_names))
+    panels = figure.subplots(len(axes_names), 1, sharex=True, squeeze=False, gridspec_kw={"hspace": 0.2})[:, 0]
+    for panel, axis in zip(panels, axes_names, strict=True):
+        plot_displacement(displacement, panel, point=point, axis=axis)
+        panel.set_title("", loc="left")
+        panel.label_outer()
+    frame = displacement.attrs.get("frame")
+    _add_head(figure, f"displacement of {point}" + (f" ({frame} axes)" if frame else ""), panels.tolist())
+    return figure
+
+
+def _draw_audit(audit: Audit) -> Figure:
+    figure = Figure(figsize=(14.0, 1.3 + 0.34 * len(audit.checks)))
+    # Names of checks on the left, their sentences on the right.
+    figure.subplots_adjust(left=0.17, right=0.52, bottom=0.6 / figure.get_figheight(), top=0.93)
+    plot_audit(audit, figure.add_subplot())
+    return figure
+
+
+def _make_figure(rows_in: float) -> Figure:
+    """A figure with fixed margins around a plotting area of this height [inch].
+
+    An automatic layout would draw every figure twice.
+    """
+    # The left one holds tick labels of eight characters and the axis label.
+    left, right, bottom, top = 1.2, 0.2, 0.75, 0.75
+    width, height = left + _WIDTH_IN + right, bottom + rows_in + top
+    figure = Figure(figsize=(width, height))
+    figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
+    return figure
+
+
+def _add_head(figure: Figure, title: str, panels: Sequence[Axes]) -> None:
+    """A title, and one legend for all panels so that none covers data."""
+    height = figure.get_size_inches()[1]
+    figure.text(0.01, 1 - 0.1 / height, title, ha="left", va="top", fontsize="large")
+    figure.align_ylabels(panels)
+    entries: dict[str, Any] = {}
+    for panel in panels:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        figure.legend(entries.values(), entries.keys(), loc="upper right", ncols=len(entries), frameon=False)

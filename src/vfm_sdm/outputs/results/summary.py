@@ -1,0 +1,184 @@
+"""``summary.json``: what a reader wants to know first, with null where nothing can be said."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.core.datasets import STATUS_MEANINGS, Status, check_displacement
+from vfm_sdm.core.files import write_json
+from vfm_sdm.errors import ResultsError
+from vfm_sdm.outputs.results.notes import (
+    describe_camera_motion,
+    describe_clocks,
+    describe_recording,
+    describe_refinement,
+    displacement_notes,
+    recording_notes,
+)
+from vfm_sdm.signals.spectrum import dominant_frequency
+from vfm_sdm.stages.audit import Audit
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
+
+__all__ = ["describe_measurement", "read_summary", "summarize_displacement", "write_summary"]
+
+_PROPORTIONAL = ("cameras", "compression")
+"""Components of the budget that are proportional to the motion."""
+
+
+def write_summary(folder: Path | str, summary: Mapping[str, Any]) -> Path:
+    """Writes ``summary.json``; numbers that are not finite become null.
+
+    Parameters
+    ----------
+    folder
+        The run folder; made when absent.
+    summary
+        Tables and lists of text, numbers, truth values, NumPy scalars and arrays, paths and ``None``.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written, or a value is of another type.
+    """
+    return write_json(Path(folder) / "summary.json", summary, label="summary")
+
+
+def read_summary(path: Path | str) -> dict[str, Any]:
+    """The summary of a run folder, or in the file itself.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing or damaged.
+    """
+    source = Path(path) / "summary.json" if Path(path).is_dir() else Path(path)
+    try:
+        found = json.loads(source.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ResultsError(f"{source}: expected a summary, got no such file; run `vfm-sdm measure`") from error
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{source}: expected a summary, got: {error}; run `vfm-sdm measure` again") from error
+    if not isinstance(found, dict):
+        raise ResultsError(f"{source}: expected a table, got {type(found).__name__}; run `vfm-sdm measure` again")
+    return found
+
+
+def describe_measurement(
+    cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset | None, audit: Audit | None
+) -> dict[str, Any]:
+    """What the products of a measurement say, ready for `write_summary`.
+
+    Parameters
+    ----------
+    cameras
+        Cameras, axes and points.
+    tracks
+        By view, each on its own clock.
+    displacement, audit
+        Result and checks; ``None`` where there are none.
+    """
+    return {
+        "status": cameras.status,
+        "audit": None if audit is None else audit.as_table(),
+        "notes": [*cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
+        "points": {} if displacement is None else summarize_displacement(displacement),
+        "frame": None if displacement is None else displacement.attrs["frame"],
+        "cameras": {
+            "epipolar_rms_px": cameras.epipolar_rms_px,
+            "quantities": [{**asdict(q), "determined": q.determined} for q in cameras.quantities],
+            "point_status": {
+                str(view): cameras.points["status"].sel(view=view).to_series().to_dict()
+                for view in cameras.points["view"].values
+            },
+        },
+        "recordings": {view: describe_recording(t) for view, t in tracks.items()},
+        "clocks": {} if displacement is None else describe_clocks(displacement),
+        "camera_motion": {} if displacement is None else describe_camera_motion(displacement),
+        "refinement": {} if displacement is None else describe_refinement(displacement),
+    }
+
+
+def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
+    """Figures of each point and axis, ready for `write_summary`.
+
+    Parameters
+    ----------
+    displacement
+        See `vfm_sdm.core.datasets`.
+
+    Returns
+    -------
+    summary
+        By point name: ``coverage_valid`` (share of frames with status ok [1]), ``status_counts`` (frames by status)
+        and ``axes``, by axis name: ``peak_to_peak_mm``, ``rms_mm`` (about the zero of the displacement),
+        ``random_std_mm`` (median), ``scale_std`` [1], ``expanded_uncertainty_mm`` (of the peak-to-peak, k = 2),
+        ``budget_mm`` (root mean square over time of each component of the uncertainty of a sample, k = 1) and
+        ``dominant_frequency_hz``. Only frames with status ok count; None where these do not tell.
+
+    Notes
+    -----
+    The peak-to-peak is ``x_a - x_b`` with the extremes at frames a and b. Components of the uncertainty that are
+    proportional to the motion add up over the two, the others are taken as independent. Where a dataset holds no
+    budget, ``U = 2 sqrt(s_a^2 + s_b^2 + (s_scale (x_a - x_b))^2)`` from its random part and scale. The tendency of
+    extremes of noise to lie apart is not in it: of motion within the noise, the peak-to-peak shows the noise.
+    """
+    data = check_displacement(displacement)
+    time_s = data["time"].values
+    summary: dict[str, Any] = {}
+    for point in data["point"].values:
+        of_point = data.sel(point=point)
+        status = of_point["status"].values
+        ok = status == Status.OK
+        summary[str(point)] = {
+            "coverage_valid": float(ok.mean()) if ok.size else None,
+            "status_counts": {name: int((status == code).sum()) for code, name in enumerate(STATUS_MEANINGS)},
+            "axes": {str(axis): _axis_figures(of_point.sel(axis=axis), time_s, ok) for axis in data["axis"].values},
+        }
+    return summary
+
+
+def _axis_figures(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict[str, Any]:
+    values = np.where(ok, series["displacement"].values, np.nan)
+    std = series["displacement_std"].values
+    scale_std = float(series["scale_std"])
+    found = np.isfinite(values)
+    figures: dict[str, Any] = {
+        "peak_to_peak_mm": None,
+        "rms_mm": None,
+        "random_std_mm": None,
+        "scale_std": _or_none(scale_std),
+        "expanded_uncertainty_mm": None,
+        "budget_mm": None,
+        "dominant_frequency_hz": None,
+    }
+    if not found.any():
+        return figures
+    top, bottom = int(np.nanargmax(values)), int(np.nanargmin(values))
+    span = float(values[top] - values[bottom])
+    known_std = std[found & np.isfinite(std)]
+    figures["peak_to_peak_mm"] = span
+    figures["rms_mm"] = float(np.sqrt(np.mean(values[found] ** 2)))
+    figures["random_std_mm"] = float(np.median(known_std)) if known_std.size else None
+    variance = std[top] ** 2 + std[bottom] ** 2 + (scale_std * span) ** 2
+    if "uncertainty" in series:
+        budget = {str(name): series["uncertainty"].sel(component=name).values for name in series["component"].values}
+        figures["budget_mm"] = {name: _or_none(float(np.sqrt(np.mean(u[found] ** 2)))) for name, u in budget.items()}
+        # What grows with the motion has opposite signs at the extremes, and errs alike.
+        variance = sum(
+            (u[top] + u[bottom]) ** 2 if name in _PROPORTIONAL else u[top] ** 2 + u[bottom] ** 2
+            for name, u in budget.items()
+        )
+    figures["expanded_uncertainty_mm"] = _or_none(COVERAGE_FACTOR * float(np.sqrt(variance)))
+    figures["dominant_frequency_hz"] = dominant_frequency(time_s, values)
+    return figures
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None

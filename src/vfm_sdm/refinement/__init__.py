@@ -1,7 +1,0 @@
-"""Structural geometry refinement (SGR): what is known of the structure's motion helps the poorer of two views."""
-
-from vfm_sdm.refinement.model import REFINEMENT_STATUSES, Refinement, SgrSettings
-from vfm_sdm.refinement.objective import SgrWeights
-from vfm_sdm.refinement.sgr import refine
-
-__all__ = ["REFINEMENT_STATUSES", "Refinement", "SgrSettings", "SgrWeights", "refine"]

@@ -1,0 +1,1 @@
+"""Operations on time series: filters, resampling, clocks, spectra."""

@@ -1,0 +1,1 @@
+"""The steps of the paper, one folder each; a step knows only those below it."""

@@ -1,0 +1,50 @@
+"""Audit of a measurement without a reference: checks along the way, and whether the result is fit to use."""
+
+from math import nan
+
+from vfm_sdm.core.registry import find, part_names
+from vfm_sdm.core.statuses import Outcome
+from vfm_sdm.errors import BackendUnavailableError
+from vfm_sdm.stages.audit.model import Audit, AuditCheck, AuditInputs
+
+__all__ = ["Audit", "AuditCheck", "AuditInputs", "audit"]
+
+
+def audit(inputs: AuditInputs) -> Audit:
+    """All checks of a measurement with two views or more.
+
+    Parameters
+    ----------
+    inputs
+        Products of the measurement.
+
+    Notes ----- No check compares with a reference sensor, so an error of all cameras, points and lengths alike stays
+    unseen: above all a wrong baseline where no other length was measured, of which the check of the scale warns.
+    """
+    found = (_run_check(name, inputs) for name in part_names("checks"))
+    return Audit(tuple(check for check in found if check is not None))
+
+
+def _run_check(name: str, inputs: AuditInputs) -> AuditCheck | None:
+    """Result of a check; ``None`` where it does not apply. A failing check of another package is one not possible."""
+    try:
+        part = find("checks", name)
+    except BackendUnavailableError as error:
+        return _make_not_possible(name, str(error))
+    if not part.distribution:
+        check: AuditCheck | None = part.load()(inputs)
+        return check
+    # It takes part in every audit of everybody who has the package, so its faults must not cost them the result.
+    try:
+        answer = part.load()(inputs)
+    except Exception as error:  # noqa: BLE001
+        return _make_not_possible(name, f"the check of {part.distribution} failed: {type(error).__name__}: {error}")
+    if answer is not None and not isinstance(answer, AuditCheck):
+        return _make_not_possible(
+            name, f"expected the check of {part.distribution} to be an AuditCheck, got {answer!r:.60}"
+        )
+    return answer
+
+
+def _make_not_possible(name: str, sentence: str) -> AuditCheck:
+    return AuditCheck(name, Outcome.NOT_POSSIBLE, nan, nan, "1", " ".join(sentence.split()))

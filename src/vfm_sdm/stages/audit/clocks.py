@@ -1,0 +1,98 @@
+"""Checks of the views' clocks: the offset that is left after synchronisation, and its drift."""
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.statuses import ClockStatus, Outcome
+from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.synchronize import Synchronization, estimate_view_lag
+
+__all__ = ["check_drift", "check_synchronization"]
+
+_SEARCH_STD_S = 0.05
+_SIGNIFICANT = 4.0
+_LAG_CAUTION_S, _LAG_FAIL_S = 0.004, 0.02
+"""Limits of the lag [s]: at 3 Hz, 4 ms move one view against the other by 8 % of the amplitude."""
+_SHORTEST_HALF_S = 4.0
+
+
+def check_synchronization(inputs: AuditInputs) -> AuditCheck:
+    """Lag that is left between the views on their common clock [s]."""
+    name = "clocks"
+    unknown = [view for view in inputs.tracks if _is_unknown(inputs, view)]
+    if unknown:
+        bad = f"nobody knows when {unknown[0]!r} began: neither the motion nor the session tells its offset"
+        return AuditCheck(name, Outcome.FAIL, float("nan"), _LAG_CAUTION_S, "s", bad, unknown[0])
+    lags = _estimate_lags(inputs, inputs.aligned)
+    left = {view: _exceed_noise(lag) for view, lag in lags.items() if lag.ok}
+    if not left:
+        return AuditCheck(
+            name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", _explain_no_lag(*lags.values())
+        )
+    return judge(
+        name,
+        left,
+        caution=_LAG_CAUTION_S,
+        fail=_LAG_FAIL_S,
+        units="s",
+        good="the views are synchronised",
+        bad="'{}' is not synchronised with the reference view; let the motion do it (method.synchronization)",
+    )
+
+
+def check_drift(inputs: AuditInputs) -> AuditCheck:
+    """Change of the lag from the first to the second half of the recording [s]."""
+    name, time_s = "clock drift", inputs.aligned["time"].values
+    middle = (time_s[0] + time_s[-1]) / 2
+    if time_s[-1] - middle < _SHORTEST_HALF_S:
+        sentence = f"the recording is shorter than {2 * _SHORTEST_HALF_S:g} s: clocks hardly drift in that time"
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", sentence)
+    halves = [inputs.aligned.sel(time=part) for part in (slice(None, middle), slice(middle, None))]
+    first, second = (_estimate_lags(inputs, half) for half in halves)
+    found = {view: _exceed_noise(first[view], second[view]) for view in first if first[view].ok and second[view].ok}
+    if not found:
+        both = _explain_no_lag(*first.values(), *second.values())
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _LAG_CAUTION_S, "s", both)
+    return judge(
+        name,
+        found,
+        caution=_LAG_CAUTION_S,
+        fail=_LAG_FAIL_S,
+        units="s",
+        good="the clocks keep step",
+        bad="the clock of '{}' drifts against the reference view's; use a shorter part, or a constant frame rate",
+    )
+
+
+def _estimate_lags(inputs: AuditInputs, aligned: xr.Dataset) -> dict[str, Synchronization]:
+    """Lag of every further view behind the reference view, near zero [s]."""
+    reference, *others = (str(view) for view in aligned["view"].values)
+    first = aligned.sel(view=reference, drop=True)
+    return {
+        view: estimate_view_lag(
+            first,
+            aligned.sel(view=view, drop=True),
+            points=inputs.moving,
+            search_s=4 * _SEARCH_STD_S,
+            start_std_s=_SEARCH_STD_S,
+        )
+        for view in others
+    }
+
+
+def _explain_no_lag(*lags: Synchronization) -> str:
+    """Sentence that says why the motion tells no lag."""
+    return f"the motion does not tell: {next((lag.status for lag in lags if not lag.ok), ClockStatus.NO_MOTION)}"
+
+
+def _exceed_noise(lag: Synchronization, other: Synchronization | None = None) -> float:
+    """Size of a lag, or of the difference of two lags, beyond what its uncertainty explains [s]."""
+    value, std = lag.lag_s, lag.lag_std_s
+    if other is not None:
+        value, std = value - other.lag_s, float(np.hypot(std, other.lag_std_s))
+    return max(abs(value) - _SIGNIFICANT * std, 0.0)
+
+
+def _is_unknown(inputs: AuditInputs, view: str) -> bool:
+    """Whether neither motion nor session tells a view's offset."""
+    return bool(np.isnan(inputs.aligned["clock_offset_std"].sel(view=view).item()))

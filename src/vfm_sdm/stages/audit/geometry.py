@@ -1,0 +1,174 @@
+"""Checks of cameras and scale: measurements on site against the adjustment, and the views against each other."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.statuses import CameraStatus, Outcome
+from vfm_sdm.geometry.triangulation import sampson_error
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.cameras.site import SiteQuantity
+
+__all__ = ["check_agreement", "check_baseline", "check_epipolar_level", "check_epipolar_motion", "check_site"]
+
+_LEAST_REDUNDANCY = 0.01
+"""Share of a quantity's variance that the other data take away, below which there is nothing to compare it with."""
+_W_CAUTION, _W_FAIL = 4.0, 6.0
+"""Standardised differences; by chance one of 15 quantities exceeds the first in one run of a thousand."""
+_DETECTABLE = 4.0
+"""Error that is found in four of five cases by a test that false alarms pass in 1 of 1000, in standard deviations."""
+_BLIND = 0.05
+"""Relative error of the baseline that may stay unseen without a warning [1]."""
+_LEVEL_CAUTION, _LEVEL_FAIL = 1e-3, 4e-3
+"""Distance from the epipolar lines, as shares of the image's width."""
+_RATIO_CAUTION, _RATIO_FAIL = 0.1, 0.3
+"""Shares of the motion that one view shows and the other does not."""
+_GAIN_CAUTION, _GAIN_FAIL = 0.05, 0.2
+_BASELINE = "baseline"
+
+
+def check_site(inputs: AuditInputs) -> AuditCheck:
+    """Every prior and reading on site against its value from all the others.
+
+    Notes
+    -----
+    This is Baarda's w-test [1]_: the adjusted value differs from the reading by an amount whose variance is that of the
+    reading less that of the adjusted value. The value of the check is the largest of these standardised differences.
+
+    A status that the camera estimator gave is a caution by itself: a contradiction before the adjustment need not show
+    after it.
+
+    References
+    ----------
+    .. [1] Baarda, W. (1968). A testing procedure for use in geodetic networks. Netherlands Geodetic Commission,
+       Publications on Geodesy 2(5).
+    """
+    name, cameras = "site and lenses", inputs.cameras
+    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE, CameraStatus.UNKNOWN_DISTANCE):
+        sentence = f"{cameras.status}: the displacement has no usable scale"
+        return AuditCheck(name, Outcome.FAIL, float("nan"), _W_CAUTION, "std", sentence)
+    tested = {q.name: _standardise(q) for q in cameras.quantities if _compute_redundancy(q) > _LEAST_REDUNDANCY}
+    judged = judge(
+        name,
+        tested,
+        caution=_W_CAUTION,
+        fail=_W_FAIL,
+        units="std",
+        good="what was measured on site, the lenses and the images agree",
+        bad="{} contradicts the rest; a lens, a tape reading or a point is wrong, and with it the scale",
+    )
+    if cameras.status in (CameraStatus.OK, CameraStatus.DISAGREE) or judged.outcome == Outcome.FAIL:
+        return judged
+    return replace(judged, outcome=Outcome.CAUTION, sentence=f"{cameras.status}; the notes of the cameras say where")
+
+
+def check_baseline(inputs: AuditInputs) -> AuditCheck:
+    """Relative error of the baseline that the other lengths would just show [1]."""
+    name = "scale by a spare length"
+    for quantity in inputs.cameras.quantities:
+        if quantity.name != _BASELINE:
+            continue
+        redundancy = _compute_redundancy(quantity)
+        if redundancy > 1e-6:
+            detectable = _DETECTABLE * quantity.prior_std / np.sqrt(redundancy) / quantity.prior
+            if detectable <= _BLIND:
+                good = f"a baseline misread by {100 * detectable:.1f} % or more would have been noticed"
+                return AuditCheck(name, Outcome.PASS, float(detectable), _BLIND, "1", good, _BASELINE)
+            blind = f"only a baseline wrong by {100 * detectable:.0f} % or more would be noticed"
+        else:
+            blind = "nothing else tells the scale, so a wrong baseline cannot be seen"
+        advice = "Measure a range from the camera to a point, or a further length, as exactly as you can"
+        sentence = f"{blind}; displacement would be wrong by as much. {advice}"
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _BLIND, "1", sentence, _BASELINE)
+    return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _BLIND, "1", "no baseline was measured", _BASELINE)
+
+
+def check_epipolar_level(inputs: AuditInputs) -> AuditCheck:
+    """Distance of the moving points from the epipolar lines, median over time [px]: wrong point, wrong camera."""
+    name = "epipolar error"
+    level = {
+        p: float(np.nanmedian(np.abs(e))) for p, e in _compute_epipolar_errors(inputs).items() if np.isfinite(e).any()
+    }
+    width = float(min(camera.image_size[0] for camera in inputs.cameras.rig.cameras)) if inputs.cameras.rig else 1.0
+    return judge(
+        name,
+        level,
+        caution=_LEVEL_CAUTION * width,
+        fail=_LEVEL_FAIL * width,
+        units="px",
+        good="the views see the same points",
+        bad="point '{}' is another place in the second view, the views are swapped, or a camera is wrong",
+    )
+
+
+def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
+    """Motion of the epipolar error over time, as a share of the motion in the picture [1]."""
+    motion = np.fmin.reduce([inputs.motion_px(str(v)) for v in inputs.aligned["view"].values])
+    found = {}
+    for number, (point, error) in enumerate(_compute_epipolar_errors(inputs).items()):
+        known = np.isfinite(error)
+        if known.sum() > 2 and motion[number] > 0:
+            excess = float(np.var(error[known])) - NOISE_TRUST**2 * _compute_epipolar_variance(inputs, point)
+            found[point] = float(np.sqrt(max(excess, 0.0)) / motion[number])
+    return judge(
+        "epipolar error in motion",
+        found,
+        caution=_RATIO_CAUTION,
+        fail=_RATIO_FAIL,
+        units="1",
+        good="both views see one motion",
+        bad="point '{}' moves differently in the two views: clocks, a track that slips, or a camera that moves",
+    )
+
+
+def check_agreement(inputs: AuditInputs) -> AuditCheck:
+    """Difference of the vertical motion that each view alone shows [1]."""
+    name = "left and right"
+    found = inputs.displacement["gain_difference"].sel(point=inputs.moving).values
+    known = {p: abs(float(g)) for p, g in zip(inputs.moving, found, strict=True) if np.isfinite(g)}
+    return judge(
+        name,
+        known,
+        caution=_GAIN_CAUTION,
+        fail=_GAIN_FAIL,
+        units="1",
+        good="both views show the same vertical motion",
+        bad="the views disagree about how much '{}' moves up and down; one track slips or a scale is wrong",
+    )
+
+
+def _standardise(quantity: SiteQuantity) -> float:
+    return float(abs(quantity.value - quantity.prior) / (quantity.prior_std * np.sqrt(_compute_redundancy(quantity))))
+
+
+def _compute_redundancy(quantity: SiteQuantity) -> float:
+    """Share of the prior's variance that the other data took away, 0 to 1."""
+    return max(0.0, 1.0 - float(quantity.std / quantity.prior_std) ** 2) if quantity.prior_std > 0 else 0.0
+
+
+def _compute_epipolar_errors(inputs: AuditInputs) -> dict[str, FloatArray]:
+    """Epipolar error of the moving points, worst of the further views, shape (T,) each [px]."""
+    rig = inputs.cameras.rig
+    if rig is None:
+        return {}
+    chosen = inputs.aligned.sel(point=inputs.moving)
+    ok = (chosen["status"].values == Status.OK) | (chosen["status"].values == Status.UNRELIABLE)
+    pixels = np.where(ok[..., None], chosen["position"].values, np.nan)
+    errors = [sampson_error(pixels[0], pixels[second], rig, second=second) for second in range(1, len(rig))]
+    if not errors:
+        return {}
+    stacked = np.stack(errors)
+    return {
+        point: stacked[int(np.argmax(np.nan_to_num(np.abs(stacked[:, :, n])).mean(axis=1))), :, n]
+        for n, point in enumerate(inputs.moving)
+    }
+
+
+def _compute_epipolar_variance(inputs: AuditInputs, point: str) -> float:
+    """Mean variance of a point's epipolar error from its tracks' covariances [px2]."""
+    covariance = inputs.aligned.sel(point=point)["position_covariance"].values
+    known = np.isfinite(covariance).all(axis=(0, 2, 3))
+    # The error is a unit combination of all coordinates: the largest variance bounds its own.
+    return float(np.linalg.eigvalsh(covariance[:, known])[..., -1].max(axis=0).mean()) if known.any() else float("nan")

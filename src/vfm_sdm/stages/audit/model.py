@@ -1,0 +1,238 @@
+"""Results of an audit: checks, each with a value and a sentence, and the verdict that follows from them."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Generic, TypeVar, cast
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import FloatArray, LumaArray, mean_of_known
+from vfm_sdm.core.statuses import Outcome, Verdict
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.inputs.session import Session
+from vfm_sdm.stages.camera_motion import ViewMotion
+from vfm_sdm.stages.cameras.solution import CameraSolution
+
+__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "judge"]
+
+T = TypeVar("T")
+
+NOISE_TRUST = 1.5
+"""Factor by which stated noise may be too small before what is left counts as motion [1]."""
+
+
+@dataclass(frozen=True)
+class AuditCheck:
+    """Result of one check.
+
+    Parameters
+    ----------
+    name
+        Name of what was checked.
+    outcome
+        Outcome of the check.
+    value, limit, units
+        Value that was found, limit from which on it is a caution, and the units of both; NaN where there is none.
+        Shares and ratios have the unit ``1``.
+    sentence
+        Meaning of the outcome, in words for someone on site.
+    where
+        The view, point or quantity with the worst value.
+    larger_is_better
+        Whether the value has to stay above the limit instead of below it.
+    """
+
+    name: str
+    outcome: Outcome
+    value: float
+    limit: float
+    units: str
+    sentence: str
+    where: str = ""
+    larger_is_better: bool = False
+
+    @property
+    def share_of_limit(self) -> float:
+        """The value over its limit, or the limit over the value where larger is better; NaN where unknown [1]."""
+        above, below = (self.limit, self.value) if self.larger_is_better else (self.value, self.limit)
+        if not (np.isfinite(above) and np.isfinite(below)):
+            return float("nan")
+        return float(above / below) if below > 0 else (float("inf") if above > 0 else 0.0)
+
+
+@dataclass(frozen=True)
+class Audit:
+    """All checks of one measurement and their verdict: refused by one that failed, care for any caution.
+
+    Examples
+    --------
+    >>> check = AuditCheck("drift", Outcome.CAUTION, 0.2, 0.1, "px", "view right drifts")
+    >>> str(Audit((check,)).verdict)
+    'use with care'
+    """
+
+    checks: tuple[AuditCheck, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict that follows from the checks."""
+        outcomes = {check.outcome for check in self.checks}
+        if Outcome.FAIL in outcomes:
+            return Verdict.REFUSED
+        return Verdict.CARE if Outcome.CAUTION in outcomes else Verdict.FIT
+
+    @property
+    def flagged(self) -> tuple[AuditCheck, ...]:
+        """Checks that did not pass, failures first."""
+        return tuple(
+            check for wanted in (Outcome.FAIL, Outcome.CAUTION) for check in self.checks if check.outcome == wanted
+        )
+
+    def as_table(self) -> dict[str, Any]:
+        """Checks and verdict as plain tables, for ``summary.json``, where the value of a check is its ``figure``."""
+        rows = []
+        for check in self.checks:
+            row = {"figure" if name == "value" else name: value for name, value in asdict(check).items()}
+            rows.append({**row, "outcome": str(check.outcome)})
+        return {"verdict": str(self.verdict), "checks": rows}
+
+    def __getitem__(self, name: str) -> AuditCheck:
+        """The check of this name."""
+        return next(check for check in self.checks if check.name == name)
+
+
+class _Read(Generic[T]):
+    """A product that checks read."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, inputs: "AuditInputs", owner: type | None = None) -> T:
+        if self._name not in inputs.given:
+            raise DatasetError(
+                f"audit: expected the product {self._name!r}, got {sorted(inputs.given)}; give it to AuditInputs"
+            )
+        return cast(T, inputs.given[self._name])
+
+
+class AuditInputs:
+    """Products of a measurement; each check reads those that it looks at, and asks for no others.
+
+    Parameters
+    ----------
+    products
+        By name, any of these:
+
+        session
+            The measurement on site and its settings.
+        cameras
+            Cameras, axes and the adjustment to the site.
+        tracks
+            Tracks by view, shape (T, P, 2) [px], each on its own clock.
+        aligned
+            Tracks on one clock, with a dim ``view``, shape (V, T, P, 2) [px], without the motion of the cameras as far
+            as it was removed; before any refinement.
+        displacement
+            The result, shape (T, P, 3) [mm], with its uncertainty budget.
+        unrefined
+            Displacement as the images alone give it, shape (T, P, 3) [mm]; equal to ``displacement`` where nothing was
+            refined.
+        camera_motion
+            Motion of the cameras by view; empty where it was not looked for.
+        frames
+            First frame of every view, shape (H, W); empty where nothing that needs images can be checked.
+
+    Raises
+    ------
+    DatasetError
+        There is no such product; or, where a check reads one, it was not given.
+
+    Examples
+    --------
+    >>> inputs = AuditInputs(tracks={}, camera_motion={})
+    >>> inputs.tracks
+    {}
+    """
+
+    session = _Read[Session]()
+    cameras = _Read[CameraSolution]()
+    tracks = _Read[Mapping[str, xr.Dataset]]()
+    aligned = _Read[xr.Dataset]()
+    displacement = _Read[xr.Dataset]()
+    unrefined = _Read[xr.Dataset]()
+    camera_motion = _Read[Mapping[str, ViewMotion]]()
+    frames = _Read[Mapping[str, LumaArray]]()
+
+    def __init__(self, **products: object) -> None:
+        known = sorted(name for name, one in vars(AuditInputs).items() if isinstance(one, _Read))
+        unknown = sorted(set(products) - set(known))
+        if unknown:
+            raise DatasetError(f"audit: expected products of {known}, got {unknown}; correct their names")
+        self.given = dict(products)
+
+    @property
+    def moving(self) -> list[str]:
+        """Names of the points on the structure."""
+        return [p.name for p in self.session.point if not p.static]
+
+    @property
+    def static(self) -> list[str]:
+        """Names of the points that must not move, as far as they were tracked in every view."""
+        named = [p.name for p in self.session.point if p.static]
+        found = np.isfinite(self.aligned["position"].values).all(axis=-1).all(axis=0).mean(axis=0) > 0.5
+        seen = [str(name) for name, ok in zip(self.aligned["point"].values, found, strict=True) if ok]
+        return [name for name in named if name in seen]
+
+    def motion_px(self, view: str) -> FloatArray:
+        """Root mean square motion of the structure's P points in a view, without the stated noise, shape (P,) [px].
+
+        Parameters
+        ----------
+        view
+            Name of the view.
+
+        Returns
+        -------
+        motion_px
+            NaN where a point was not tracked.
+        """
+        chosen = self.aligned.sel(view=view, point=self.moving)
+        with np.errstate(invalid="ignore"):
+            variance = chosen["position"].var("time").sum("pixel", skipna=False).values
+        noise = np.einsum("tpii->tp", chosen["position_covariance"].values)
+        return np.asarray(np.sqrt(np.maximum(variance - mean_of_known(noise), 0.0)))
+
+
+def judge(
+    name: str, found: Mapping[str, float], *, caution: float, fail: float, units: str, good: str, bad: str
+) -> AuditCheck:
+    """A check of values that should be small, by the largest of them.
+
+    Parameters
+    ----------
+    name
+        Name of the check.
+    found
+        Values by what they belong to; those that are NaN do not count. Without any the check is not possible.
+    caution, fail
+        Limits from which on the check is a caution, and from which on it fails.
+    units
+        Units of the values and limits, such as ``px`` or ``s``.
+    good, bad
+        Sentence for a check that passed, and for one that did not, with ``{}`` for what has the largest value.
+
+    Examples
+    --------
+    >>> limits = {"caution": 0.1, "fail": 0.5, "units": "px"}
+    >>> check = judge("drift", {"left": 0.02, "right": 0.2}, **limits, good="still", bad="view {} drifts")
+    >>> str(check.outcome), check.where, round(check.share_of_limit, 3), check.sentence
+    ('caution', 'right', 2.0, 'view right drifts')
+    """
+    known = {where: value for where, value in found.items() if np.isfinite(value)}
+    if not known:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), caution, units, "nothing to look at")
+    where, value = max(known.items(), key=lambda pair: pair[1])
+    outcome = Outcome.FAIL if value >= fail else Outcome.CAUTION if value >= caution else Outcome.PASS
+    sentence = good if outcome == Outcome.PASS else bad.replace("{}", where)
+    return AuditCheck(name, outcome, float(value), caution, units, sentence, where)

@@ -1,0 +1,188 @@
+"""Checks of the signal itself: above its noise, measured at its full size, and recorded whole."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.ndimage import shift as shift_image
+
+from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.statuses import Outcome, RecordingStatus, RefinementStatus
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
+from vfm_sdm.stages.registration.subsets import register_subset
+
+__all__ = ["check_gain", "check_recording", "check_refinement", "check_signal"]
+
+_SNR_CAUTION, _SNR_FAIL = 3.0, 1.0
+_SHIFTS_PX = ((0.11, -0.07), (0.23, 0.19), (-0.31, 0.37), (0.5, -0.5), (-0.43, 0.29))
+"""Injected shifts [px]: small, as the motion of structures is, and spread over the fractions of a pixel, where
+interpolation errs."""
+_MARGIN_PX = 12
+_FINE = 16
+_GAIN = "gain of injected shifts"
+_GAIN_CAUTION, _GAIN_FAIL = 0.02, 0.1
+_DROPPED_CAUTION, _DROPPED_FAIL = 1e-9, 0.1
+
+
+def check_signal(inputs: AuditInputs) -> AuditCheck:
+    """Root mean square motion [mm] over its noise, of the axis that shows least, beyond what the noise explains [1]."""
+    name, data = "signal to noise", inputs.displacement
+    suppressed = inputs.session.method.sgr.suppressed_axis if inputs.session.method.refinement == "sgr" else ""
+    ratios: dict[str, float] = {}
+    axes = [str(a) for a in data["axis"].values if str(a) not in (suppressed, "longitudinal", "forward")]
+    for point in inputs.moving:
+        for axis in axes:
+            series = data.sel(point=point, axis=axis)
+            ok = series["status"].values == Status.OK
+            if ok.sum() > 10:
+                noise = float(np.mean(series["displacement_std"].values[ok] ** 2))
+                excess = max(float(np.var(series["displacement"].values[ok])) - noise, 0.0)
+                ratios[f"{axis} of {point}"] = np.sqrt(excess) / (NOISE_TRUST * np.sqrt(noise)) if noise else np.inf
+    if not ratios:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _SNR_CAUTION, "", "nothing was measured")
+    weak = [what for what, ratio in ratios.items() if ratio < _SNR_CAUTION]
+    worst = min(ratios, key=lambda key: ratios[key])
+    if not weak:
+        sentence = "all motion stands clear of its noise"
+        return AuditCheck(name, Outcome.PASS, ratios[worst], _SNR_CAUTION, "", sentence, worst, larger_is_better=True)
+    nothing = all(ratio < _SNR_FAIL for ratio in ratios.values())
+    bad = "nothing rises above the noise" if nothing else f"little more than noise: {', '.join(weak)}"
+    advice = "use a longer lens, a larger subset or more light"
+    outcome = Outcome.FAIL if nothing else Outcome.CAUTION
+    return AuditCheck(name, outcome, ratios[worst], _SNR_CAUTION, "", f"{bad}; {advice}", worst, larger_is_better=True)
+
+
+def check_gain(inputs: AuditInputs) -> AuditCheck:
+    """Error of the registration's gain for shifts of parts of a pixel that are put into the first frames [1].
+
+    Notes ----- The shifted picture gets noise of its own, as much as the frame seems to have, because noise draws the
+    gain of a weak texture towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera
+    would see them.
+
+    The gain of registration says nothing of a network that follows points by itself; its gain is unknown.
+    """
+    alone = [view for view, t in inputs.tracks.items() if "weights" in t.attrs and "disagreement" not in t]
+    if alone:
+        sentence = (
+            "positions are a network's own, whose gain on small motion is not known; "
+            'let registration measure (tracker "...+icgn"), or test the weights (docs/networks.md)'
+        )
+        return AuditCheck(_GAIN, Outcome.CAUTION, float("nan"), _GAIN_CAUTION, "1", sentence, alone[0])
+    found = {}
+    for view, image in inputs.frames.items():
+        for point in inputs.moving:
+            u, v = inputs.cameras.points["position"].sel(view=view, point=point).values
+            gain = _measure_gain(image, (float(u), float(v)), inputs.session.method.subset_px)
+            if np.isfinite(gain):
+                found[f"{point} in {view}"] = abs(gain - 1)
+    return judge(
+        _GAIN,
+        found,
+        caution=_GAIN_CAUTION,
+        fail=_GAIN_FAIL,
+        units="1",
+        good="known shifts of parts of a pixel come out at their full size",
+        bad="known shifts come out wrong at {}: too little texture for the noise; use a larger subset",
+    )
+
+
+def check_recording(inputs: AuditInputs) -> AuditCheck:
+    """Share of frames that the recordings lack or repeat [1], and whether they end early."""
+    name = "recordings"
+    records = {view: t.attrs["recording"] for view, t in inputs.tracks.items() if "recording" in t.attrs}
+    damaged = [
+        view for view, record in records.items() if record.get("status", RecordingStatus.OK) != RecordingStatus.OK
+    ]
+    share = {
+        view: (record["dropped"] + record["duplicated"]) / max(record["frames"], 1) for view, record in records.items()
+    }
+    if damaged:
+        sentence = f"the recording of {damaged[0]!r} is not whole: {records[damaged[0]]['status']}"
+        return AuditCheck(name, Outcome.CAUTION, float("nan"), _DROPPED_CAUTION, "1", sentence, damaged[0])
+    return judge(
+        name,
+        share,
+        caution=_DROPPED_CAUTION,
+        fail=_DROPPED_FAIL,
+        units="1",
+        good="no frame is missing or repeated",
+        bad="the recording of '{}' lacks frames or repeats them",
+    )
+
+
+def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
+    """Share of points that could not be refined [1]; ``None`` where no refinement was asked for."""
+    name = "refinement"
+    if inputs.session.method.refinement == "none":
+        return None
+    refused = {
+        str(point): status
+        for point, status in zip(
+            inputs.displacement["point"].values, inputs.displacement["refinement_status"].values, strict=True
+        )
+        if status != RefinementStatus.OK and str(point) in inputs.moving
+    }
+    share = len(refused) / max(len(inputs.moving), 1)
+    if refused:
+        point, status = next(iter(refused.items()))
+        return AuditCheck(name, Outcome.CAUTION, share, 0.0, "1", f"point {point!r} was not refined: {status}", point)
+    heaviest = max(_weigh_assumptions(inputs), key=lambda pair: pair[1], default=("", 0.0))
+    sentence = "every point was refined"
+    if heaviest[1] > 1:
+        sentence += (
+            f"; for {heaviest[0]} the assumption about the suppressed axis weighs {heaviest[1]:.1f} times the images' "
+            "noise in the stated uncertainty"
+        )
+    return AuditCheck(name, Outcome.PASS, share, 0.0, "1", sentence, heaviest[0])
+
+
+def _weigh_assumptions(inputs: AuditInputs) -> Iterator[tuple[str, float]]:
+    """The assumption's part of the uncertainty over the random part [1], with its axis and point."""
+    data = inputs.displacement.sel(point=inputs.moving)
+    suppressed = inputs.session.method.sgr.suppressed_axis
+    rms = np.sqrt(np.nan_to_num(data["uncertainty"].values ** 2).mean(axis=1))
+    random, assumption = (rms[COMPONENTS.index(component)] for component in ("random", "assumption"))
+    for column, axis in enumerate(str(a) for a in data["axis"].values):
+        for row, point in enumerate(inputs.moving):
+            if axis != suppressed and random[row, column] > 0:
+                yield f"{axis} of {point}", float(assumption[row, column] / random[row, column])
+
+
+def _measure_gain(image: LumaArray, place: tuple[float, float], subset_px: int) -> float:
+    """Slope of found over injected shifts at a point: 0 where none is found, NaN where the subset leaves the image."""
+    half = subset_px // 2 + _MARGIN_PX
+    if not np.isfinite(place).all():
+        return float("nan")
+    u, v = (round(x) for x in place)
+    if min(u, v, image.shape[1] - 1 - u, image.shape[0] - 1 - v) < half:
+        return float("nan")
+    patch = image[v - half : v + half + 1, u - half : u + half + 1]
+    center = np.array([[half + place[0] - u, half + place[1] - v]])
+    grey, rng = patch.astype(np.float64), np.random.default_rng(0)
+    noise = _estimate_noise(grey)
+    injected, found = [], []
+    for du, dv in _SHIFTS_PX:
+        moved = shift_image(grey, (dv, du), order=5, mode="reflect") + rng.normal(0, noise, grey.shape)
+        # In 16 bit, so that rounding does not matter, whatever the recording has.
+        as_filmed = np.clip(np.rint(_FINE * moved), 0, np.iinfo(np.uint16).max).astype(np.uint16)
+        result = register_subset(_FINE * patch.astype(np.uint16), as_filmed, center, center, subset_px=subset_px)
+        if result.converged[0]:
+            injected.append((du, dv))
+            found.append(result.position[0] - center[0])
+    if len(found) < len(_SHIFTS_PX) // 2 + 1:
+        return 0.0
+    a, b = np.ravel(injected), np.ravel(found)
+    return float(a @ b / (a @ a))
+
+
+def _estimate_noise(image: FloatArray) -> float:
+    """Standard deviation of the noise in a picture, from a difference that planes and edges hardly touch.
+
+    References
+    ----------
+    .. [1] Immerkaer, J. (1996). Fast noise variance estimation. Computer Vision and Image Understanding 64(2), 300-302.
+    """
+    bent = image[:-2] - 2 * image[1:-1] + image[2:]
+    twice = bent[:, :-2] - 2 * bent[:, 1:-1] + bent[:, 2:]
+    return float(np.sqrt(np.pi / 2) * np.mean(np.abs(twice)) / 6)

@@ -1,0 +1,314 @@
+"""Checks of tracks and of the cameras that took them: lost, frozen and slipping points, and what must not move."""
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known, unbroken_runs
+from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.statuses import Outcome
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
+
+__all__ = [
+    "check_camera_motion",
+    "check_frozen",
+    "check_halves",
+    "check_slip",
+    "check_stabilization",
+    "check_static_points",
+    "check_tracked",
+]
+
+_MISSING_CAUTION, _MISSING_FAIL = 0.05, 0.5
+_FROZEN_S = 0.2
+"""Shortest run of unchanged positions that counts [s]."""
+_UNCHANGED_PX = 1e-6
+_MOVED_STD = 5.0
+_FROZEN_CAUTION, _FROZEN_FAIL = 1e-9, 0.05
+_BLOCKS = 8
+"""Parts of the recording whose means are compared for drift."""
+_SIGNIFICANT = 5.0
+_SLIP_CAUTION, _SLIP_FAIL = 0.1, 0.3
+_STILL_CAUTION, _STILL_FAIL = 0.1, 0.5
+"""Limits of the motion of what must not move, as shares of the structure's motion [1]."""
+_FOLLOWS_CAUTION, _FOLLOWS_FAIL = 0.1, 0.2
+_FOLLOWS_CORRELATION = 0.7
+_HALVES_CAUTION, _HALVES_FAIL = 0.1, 0.3
+_NO_STATIC = (
+    "no point that must not move was named and found: a tripod that moves looks like a structure that moves. Name two "
+    "on an abutment or behind the structure (static = true)"
+)
+
+
+def check_tracked(inputs: AuditInputs) -> AuditCheck:
+    """Share of samples without a trusted displacement, of the worst moving point [1]."""
+    status = inputs.displacement.sel(point=inputs.moving)["status"].values
+    return judge(
+        "samples missing",
+        dict(zip(inputs.moving, (status != Status.OK).mean(axis=0), strict=True)),
+        caution=_MISSING_CAUTION,
+        fail=_MISSING_FAIL,
+        units="1",
+        good="hardly any sample is missing",
+        bad="point '{}' was lost, left the picture or is not to be trusted in part of the recording",
+    )
+
+
+def check_frozen(inputs: AuditInputs) -> AuditCheck:
+    """Share of frames in which a position does not change while another view shows that the point moves [1]."""
+    views = [str(view) for view in inputs.aligned["view"].values]
+    found = {}
+    for point in inputs.moving:
+        moved = [_find_moving(inputs.aligned.sel(view=view, point=point)) for view in views]
+        for number, view in enumerate(views):
+            others = [m for n, m in enumerate(moved) if n != number]
+            if others:
+                still = _find_unchanged(inputs.tracks[view].sel(point=point))
+                # On the view's own clock; a share needs no common one.
+                both = np.zeros(len(still), np.bool_)
+                both[: len(others[0])] = still[: len(others[0])] & np.any(others, axis=0)[: len(still)]
+                found[f"{point} in {view}"] = float(both.mean())
+    return judge(
+        "frozen tracks",
+        found,
+        caution=_FROZEN_CAUTION,
+        fail=_FROZEN_FAIL,
+        units="1",
+        good="no track stands still while its point moves",
+        bad="{} stands still while the other view shows motion: frames repeated, or the tracker holds on to dirt",
+    )
+
+
+def check_slip(inputs: AuditInputs) -> AuditCheck:
+    """Drift along the structure, or across the epipolar lines, of one point, as a share of its vertical motion [1].
+
+    Notes
+    -----
+    A subset that slides over a texture moves a point where structures do not: along the structure (a slip along the
+    epipolar line) or apart in the two views (a slip across it). Means over eighths of the recording are compared; drift
+    within their noise counts as none, and drift that all points share is no slip.
+    """
+    drifts, scale = {}, {}
+    data = inputs.unrefined
+    suspicious = [str(a) for a in data["axis"].values if str(a) in ("longitudinal", "forward")]
+    vertical = [str(a) for a in data["axis"].values if str(a) in ("vertical", "down")]
+    for point in inputs.moving:
+        one = data.sel(point=point)
+        ok = one["status"].values == Status.OK
+        if ok.sum() < 4 * _BLOCKS or not suspicious or not vertical:
+            continue
+        scale[point] = float(np.ptp(one["displacement"].sel(axis=vertical[0]).values[ok]))
+        along = one.sel(axis=suspicious[0])
+        drifts[point] = _compute_block_means(along["displacement"].values, along["displacement_std"].values, ok)
+    found = {}
+    for point, (means, noise) in drifts.items():
+        others = [m for p, (m, _) in drifts.items() if p != point]
+        own = means - np.median(others, axis=0) if len(others) > 1 else means
+        drift = float(np.ptp(own))
+        found[point] = drift / scale[point] if drift > _SIGNIFICANT * noise and scale[point] > 0 else 0.0
+    return judge(
+        "slipping tracks",
+        found,
+        caution=_SLIP_CAUTION,
+        fail=_SLIP_FAIL,
+        units="1",
+        good="no point drifts away from the others",
+        bad="point '{}' drifts along the structure as no other point does: its track slips in one view",
+    )
+
+
+def check_static_points(inputs: AuditInputs) -> AuditCheck:
+    """Displacement of points that must not move, beyond their noise, as a share of the structure's [1]."""
+    name = "static points"
+    if not inputs.static:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _STILL_CAUTION, "1", _NO_STATIC)
+    axes = [str(a) for a in inputs.unrefined["axis"].values][:2]
+    moving = max(
+        (_compute_excess(inputs.unrefined.sel(point=p, axis=axes)) for p in inputs.moving), default=float("nan")
+    )
+    found = {p: _compute_excess(inputs.unrefined.sel(point=p, axis=axes)) / moving for p in inputs.static if moving > 0}
+    return judge(
+        name,
+        found,
+        caution=_STILL_CAUTION,
+        fail=_STILL_FAIL,
+        units="1",
+        good="what must not move does not",
+        bad="point '{}' must not move and does: a tripod moves, or the point is not where it was meant",
+    )
+
+
+def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
+    """Motion in the picture [px] that a view's static points have in common, as a share of the structure's [1].
+
+    Motion that was removed with the help of the static points counts by the part that is left, and is a caution in any
+    case.
+    """
+    name = "tripods"
+    if not inputs.static:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _STILL_CAUTION, "1", _NO_STATIC)
+    left, removed = {}, {}
+    for view, tracks in inputs.tracks.items():
+        structure = float(np.fmax.reduce(inputs.motion_px(view), initial=0.0))
+        common, noise = _compute_common_motion(tracks, inputs.static)
+        if not (structure > 0 and len(common)):
+            continue
+        moved = float(np.sqrt(max(float(common.var(axis=0).sum()) - (NOISE_TRUST * noise) ** 2, 0.0)) / structure)
+        motion = inputs.camera_motion.get(view)
+        left[view] = moved
+        if motion is not None and motion.applied and moved >= _STILL_CAUTION:
+            removed[view] = motion
+            # A single static point cannot show what its correction leaves.
+            left[view] = motion.rms_after_px / structure if np.isfinite(motion.rms_after_px) else _STILL_CAUTION
+    check = judge(
+        name,
+        left,
+        caution=_STILL_CAUTION,
+        fail=_STILL_FAIL,
+        units="1",
+        good="the cameras stood still",
+        bad="camera '{}' moved: what stands still moves in its picture",
+    )
+    if not removed or check.outcome == Outcome.FAIL:
+        return check
+    view, motion = max(removed.items(), key=lambda pair: pair[1].rms_before_px)
+    sentence = (
+        f"camera {view!r} moved: {motion.rms_before_px:.2f} px (rms) were removed with the help of "
+        f"{len(motion.static)} static points, {motion.rms_after_px:.2f} px are left"
+    )
+    return AuditCheck(name, Outcome.CAUTION, check.value, _STILL_CAUTION, "1", sentence, view)
+
+
+def check_stabilization(inputs: AuditInputs) -> AuditCheck:
+    """Share of the structure's motion [px] that a view's static points show, where the two go together [1]."""
+    name = "stabilised video"
+    if not inputs.static:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _FOLLOWS_CAUTION, "1", _NO_STATIC)
+    found = {}
+    for view, tracks in inputs.tracks.items():
+        motion = inputs.motion_px(view)
+        common, _ = _compute_common_motion(tracks, inputs.static)
+        if not len(common) or not np.fmax.reduce(motion, initial=0.0) > 0:
+            continue
+        point = inputs.moving[int(np.nanargmax(motion))]
+        structure = _centre(tracks.sel(point=point)["position"].values)
+        known = np.isfinite(structure).all(axis=1) & np.isfinite(common).all(axis=1)
+        a, b = structure[known].ravel(), common[known].ravel()
+        if len(a) < 20 or not (a.std() > 0 and b.std() > 0):
+            continue
+        share, correlation = float(a @ b / (a @ a)), float(np.corrcoef(a, b)[0, 1])
+        # An electronic stabiliser takes part of the structure's motion from the picture: both then move together.
+        left = abs(share) / (1 - share) if share < 0 else abs(share)
+        found[view] = left if abs(correlation) >= _FOLLOWS_CORRELATION else 0.0
+    check = judge(
+        name,
+        found,
+        caution=_FOLLOWS_CAUTION,
+        fail=_FOLLOWS_FAIL,
+        units="1",
+        good="the picture does not follow the structure",
+        bad="the picture of '{}' follows the structure: the camera stabilises. Switch it off and film again",
+    )
+    following = [view for view, share in found.items() if share >= _FOLLOWS_CAUTION]
+    if check.outcome == Outcome.FAIL and all(_is_taken_out(inputs, view) for view in following):
+        sentence = f"{check.where!r} stabilises its picture; the static points took it out, but switch it off next time"
+        return replace(check, outcome=Outcome.CAUTION, sentence=sentence)
+    return check
+
+
+def _is_taken_out(inputs: AuditInputs, view: str) -> bool:
+    """Whether the static points removed a view's motion, and hardly any of it is left in them."""
+    motion = inputs.camera_motion.get(view)
+    if motion is None or not motion.applied or not np.isfinite(motion.rms_after_px):
+        return False
+    return motion.rms_after_px < _STILL_CAUTION * float(np.fmax.reduce(inputs.motion_px(view), initial=0.0))
+
+
+def check_halves(inputs: AuditInputs) -> AuditCheck:
+    """Motion of one half of a subset against the other, beyond its noise, as a share of the picture's motion [1]."""
+    name, found = "halves of a subset", {}
+    for view, tracks in inputs.tracks.items():
+        if "half_difference" not in tracks:
+            continue
+        motion = inputs.motion_px(view)
+        for number, point in enumerate(inputs.moving):
+            one = tracks.sel(point=point)
+            apart = one["half_difference"].values
+            known = np.isfinite(apart).all(axis=1)
+            if known.sum() > 10 and motion[number] > 0:
+                # Both halves have twice the standard deviation of the whole each.
+                noise = 8.0 * NOISE_TRUST**2 * float(_compute_noise(one))
+                excess = max(float(apart[known].var(axis=0).sum()) - noise, 0.0)
+                found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
+    return judge(
+        name,
+        found,
+        caution=_HALVES_CAUTION,
+        fail=_HALVES_FAIL,
+        units="1",
+        good="both halves of every subset move alike",
+        bad="the halves of {} move apart: the square covers an edge, a plant or something else that moves",
+    )
+
+
+def _find_unchanged(track: xr.Dataset) -> BoolArray:
+    """Frames of runs in which a position does not change at all."""
+    position, time_s = track["position"].values, track["time"].values
+    step = np.abs(np.diff(position, axis=0)).max(axis=1)
+    still = np.zeros(len(position), np.bool_)
+    for run in unbroken_runs(step < _UNCHANGED_PX):
+        if time_s[run.stop] - time_s[run.start] >= _FROZEN_S:
+            still[run.start : run.stop + 1] = True
+    return still
+
+
+def _find_moving(track: xr.Dataset) -> BoolArray:
+    """Frames about which, within `_FROZEN_S`, a position changes by more than its noise."""
+    position, time_s = track["position"].values, track["time"].values
+    half = max(1, round(_FROZEN_S / max(float(np.median(np.diff(time_s))), 1e-6) / 2))
+    padded = np.pad(position, ((half, half), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
+    with np.errstate(invalid="ignore"):
+        span = np.linalg.norm(windows.max(axis=-1) - windows.min(axis=-1), axis=-1)
+        return np.asarray(span > _MOVED_STD * np.sqrt(_compute_noise(track)))
+
+
+def _compute_noise(track: xr.Dataset) -> float:
+    """Mean stated variance of a track, u and v together [px2]."""
+    return float(mean_of_known(np.einsum("tii->t", track["position_covariance"].values)))
+
+
+def _centre(position: FloatArray) -> FloatArray:
+    """Positions less their mean over time, shape (T, 2) [px]."""
+    return np.asarray(position - mean_of_known(position))
+
+
+def _compute_common_motion(tracks: xr.Dataset, static: list[str]) -> tuple[FloatArray, float]:
+    """Mean motion of a view's static points, shape (T, 2) [px], and its noise, u and v together [px]."""
+    chosen = tracks.sel(point=static)
+    known = np.isfinite(chosen["position"].values).all(axis=(1, 2))
+    if known.sum() < 10:
+        return np.empty((0, 2)), float("nan")
+    centred = chosen["position"].values - np.nanmean(chosen["position"].values[known], axis=0)
+    variances = [_compute_noise(chosen.sel(point=point)) for point in static]
+    return np.asarray(centred.mean(axis=1)), float(np.sqrt(np.sum(variances)) / len(variances))
+
+
+def _compute_block_means(values: FloatArray, std: FloatArray, ok: BoolArray) -> tuple[FloatArray, float]:
+    """Means over parts of a series, and the standard deviation of one."""
+    blocks = np.array_split(np.flatnonzero(ok), _BLOCKS)
+    noise = float(np.sqrt(np.mean(std[ok] ** 2) / min(len(block) for block in blocks)))
+    # Motion of the structure does not average out over a short block.
+    spread = float(np.median([np.std(values[block]) / np.sqrt(len(block)) for block in blocks]))
+    return np.array([values[block].mean() for block in blocks]), max(noise, spread)
+
+
+def _compute_excess(series: xr.Dataset) -> float:
+    """Root mean square motion over both axes beyond the stated noise [mm]."""
+    ok = series["status"].values == Status.OK
+    if ok.sum() < 10:
+        return float("nan")
+    variance = series["displacement"].values[ok].var(axis=0)
+    noise = (NOISE_TRUST * series["displacement_std"].values[ok]) ** 2
+    return float(np.sqrt(np.maximum(variance - noise.mean(axis=0), 0.0).sum()))

@@ -1,0 +1,220 @@
+"""Rotation and translation of one camera a frame, from the pixels of points that stand still."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
+from vfm_sdm.geometry.camera import Camera
+from vfm_sdm.geometry.distortion import distort_derivative
+
+__all__ = ["LEVER_ARM_M", "MotionEstimate", "compute_motion_jacobian", "estimate_motion"]
+
+LEVER_ARM_M = 1.5
+"""Height of a tripod: a camera that turns by a radian about the tripod's foot is carried along by this much [m]."""
+_LEAST_STD_PX = 1e-3
+"""Least standard deviation of a track; it keeps stated covariances of zero from outweighing all others."""
+_SUSPICIOUS = 0.1
+"""Share of a point's mean variance below which a frame's own variance is not used: the tracker's reference frame."""
+_UNSTEADINESS = np.linspace(np.log(1e-8), np.log(0.1), 65)
+"""Logarithms of the standard deviations of rotation [rad] among which the recording's is sought."""
+_ROUNDS = 8
+_SETTLED = 1e-3
+_FEWEST_SPARE = 10
+"""Spare observations from which the size of the noise can be told."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionEstimate:
+    """Motion of one camera in T frames by S static points.
+
+    Parameters
+    ----------
+    motion
+        Rotation [rad], then translation [m], shape (T, 6), see `compute_motion_jacobian`.
+    covariance
+        Covariance of the motion, shape (T, 6, 6) [rad2, rad m, m2].
+    motion_without, covariance_without
+        Motion and covariance found without one static point, shapes (S, T, 6) and (S, T, 6, 6).
+    rest
+        Pixels of the static points with the camera at rest, shape (S, 2) [px].
+    unsteadiness_rad
+        Standard deviation of the rotation over the recording [rad].
+    likelihood_ratio
+        Twice the logarithm of how much likelier the shifts are with a moving camera than with a still one [1].
+    noise_factor
+        Variance of the static points about the estimate over their stated one [1]; 1 where nothing tells.
+    """
+
+    motion: FloatArray
+    covariance: FloatArray
+    motion_without: FloatArray
+    covariance_without: FloatArray
+    rest: FloatArray
+    unsteadiness_rad: float
+    likelihood_ratio: float
+    noise_factor: float
+
+
+def compute_motion_jacobian(camera: Camera, points3d: FloatArray) -> FloatArray:
+    """Change of pixels with a small motion of the camera.
+
+    Parameters
+    ----------
+    camera
+        The camera at rest.
+    points3d
+        World frame, shape (P, 3) [length unit of the rig]; NaN where unknown.
+
+    Returns
+    -------
+    jacobian
+        Shape (P, 2, 6) [px/rad, px per length unit]. A point at ``X`` in the camera's axes at rest is at
+        ``X + w x X + s`` in those of the moved camera, with the rotation w and the translation s.
+
+    Examples
+    --------
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> jacobian = compute_motion_jacobian(camera, np.array([[0.0, 0.0, 20.0]]))
+    >>> jacobian[0].round(3).tolist()
+    [[0.0, 1000.0, 0.0, 50.0, 0.0, 0.0], [-1000.0, 0.0, 0.0, 0.0, 50.0, 0.0]]
+    """
+    X = points3d @ camera.rotation.T + camera.translation
+    x, y, depth = X[:, 0] / X[:, 2], X[:, 1] / X[:, 2], X[:, 2]
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    # Of the normalised coordinates by w and s; w x X = (wy z - wz y, wz x - wx z, wx y - wy x).
+    by_rotation = np.stack([-x * y, 1 + x * x, -y, -(1 + y * y), x * y, x], axis=-1).reshape(-1, 2, 3)
+    by_translation = np.stack([one, zero, -x, zero, one, -y], axis=-1).reshape(-1, 2, 3) / depth[:, None, None]
+    lens = camera.K[:2, :2] @ distort_derivative(np.stack([x, y], axis=-1), camera.distortion)
+    return np.asarray(lens @ np.concatenate([by_rotation, by_translation], axis=-1))
+
+
+def estimate_motion(position: FloatArray, covariance: FloatArray, jacobian: FloatArray) -> MotionEstimate:
+    """Motion of a camera that explains how static points shift.
+
+    Parameters
+    ----------
+    position
+        Pixels of S static points, shape (T, S, 2) [px]; NaN where missing, no point without any sample.
+    covariance
+        Covariance of the pixels, shape (T, S, 2, 2) [px2].
+    jacobian
+        Result of `compute_motion_jacobian` for the static points, shape (S, 2, 6) [px/rad, px/m].
+
+    Returns
+    -------
+    estimate
+        Motion relative to its mean over the recording, shape (T, 6) [rad, m]. Where a frame shows no static point, the
+        motion is zero and its covariance that over the recording.
+
+    Notes
+    -----
+    Pixels are ``y = m + J D z + n`` with the noise n of the tracks and ``z ~ N(0, s^2 I)``, independent from frame to
+    frame. D scales rotations by 1 and translations by `LEVER_ARM_M`. So one number, the camera's unsteadiness s, is
+    the prior of all six; it is taken from the recording itself, where the likelihood of all shifts (z integrated out)
+    is largest. With it the most probable z follows from as many or as few points as a frame shows, and goes to zero
+    with s. The pixels at rest m are the generalised least-squares mean, the factor of the noise makes the residuals
+    what they should be; the three are found in turn.
+
+    Examples
+    --------
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> points3d = np.array([[-4.0, -2.0, 20.0], [4.0, -2.0, 25.0], [0.0, 3.0, 15.0]])
+    >>> jacobian = compute_motion_jacobian(camera, points3d)
+    >>> yaw_rad = 1e-3 * np.sin(np.arange(200) / 5)
+    >>> position = camera.project(points3d) + yaw_rad[:, None, None] * jacobian[:, :, 1]
+    >>> estimate = estimate_motion(position, np.tile(0.01**2 * np.eye(2), (200, 3, 1, 1)), jacobian)
+    >>> bool(np.abs(estimate.motion[:, 1] - yaw_rad + yaw_rad.mean()).max() < 2e-5)
+    True
+    """
+    seen = np.asarray(np.isfinite(position).all(axis=-1))
+    stated = _replace_doubtful(covariance, seen)
+    slope = jacobian * np.repeat([1.0, LEVER_ARM_M], 3)
+    rest = mean_of_known(position, seen[..., None])
+    factor, last = 1.0, -1.0
+    for _ in range(_ROUNDS):
+        weight = np.where(seen[..., None, None], np.linalg.inv(factor * stated + _LEAST_STD_PX**2 * np.eye(2)), 0.0)
+        weighted = np.einsum("pia,tpij->tpaj", slope, weight)
+        normal = np.einsum("tpaj,pjb->tpab", weighted, slope)
+        shift = np.where(seen[..., None], position - rest, 0.0)
+        right = np.einsum("tpaj,tpj->tpa", weighted, shift)
+        spread, ratio = _estimate_unsteadiness(normal.sum(axis=1), right.sum(axis=1))
+        z, z_covariance = _compute_posterior(normal.sum(axis=1), right.sum(axis=1), spread)
+        if abs(spread - last) <= _SETTLED * spread:
+            break
+        last = spread
+        residual = np.where(seen[..., None], shift - np.einsum("pia,ta->tpi", slope, z), 0.0)
+        rest = rest + _compute_rest_correction(residual, weight, weighted, z_covariance)
+        factor = _estimate_noise_factor(residual, stated, seen, np.einsum("tpab,tba->", normal, z_covariance))
+    scale = np.repeat([1.0, LEVER_ARM_M], 3)
+    without = []
+    for point in range(seen.shape[1]):
+        others = np.arange(seen.shape[1]) != point
+        without.append(_compute_posterior(normal[:, others].sum(axis=1), right[:, others].sum(axis=1), spread))
+    return MotionEstimate(
+        motion=scale * z,
+        covariance=np.outer(scale, scale) * z_covariance,
+        motion_without=scale * np.stack([one for one, _ in without]),
+        covariance_without=np.outer(scale, scale) * np.stack([one for _, one in without]),
+        rest=rest,
+        unsteadiness_rad=spread,
+        likelihood_ratio=ratio,
+        noise_factor=factor,
+    )
+
+
+def _replace_doubtful(covariance: FloatArray, seen: BoolArray) -> FloatArray:
+    """Covariances, shape (T, S, 2, 2) [px2]; the mean of the point where a frame states next to nothing or nothing."""
+    known = seen & np.isfinite(covariance).all(axis=(2, 3))
+    trace = np.trace(covariance, axis1=2, axis2=3)
+    believed = known & (trace >= _SUSPICIOUS * mean_of_known(trace, known))
+    mean = np.nan_to_num(mean_of_known(covariance, believed[..., None, None]))
+    return np.where(believed[..., None, None], covariance, mean)
+
+
+def _compute_posterior(normal: FloatArray, right: FloatArray, spread: float) -> tuple[FloatArray, FloatArray]:
+    """Most probable z (T, 6) and its covariance (T, 6, 6), with a prior of standard deviation ``spread``."""
+    covariance = np.asarray(np.linalg.inv(normal + np.eye(normal.shape[-1]) / spread**2))
+    return np.asarray(np.einsum("tab,tb->ta", covariance, right)), covariance
+
+
+def _estimate_unsteadiness(normal: FloatArray, right: FloatArray) -> tuple[float, float]:
+    """The standard deviation of z that makes the shifts likeliest, and twice their log-likelihood ratio to none.
+
+    With the eigenvalues l and -vectors of each frame's normal matrix, and c the right side along them, the ratio is
+    the sum of ``s^2 c^2 / (1 + s^2 l) - log(1 + s^2 l)``.
+    """
+    eigenvalues, vectors = np.linalg.eigh(normal)
+    eigenvalues = np.maximum(eigenvalues, 0.0)
+    squares = np.einsum("tba,tb->ta", vectors, right) ** 2
+
+    def ratio(log_spread: float) -> float:
+        variance = np.exp(2 * log_spread)
+        gain = 1 + variance * eigenvalues
+        return float(np.sum(variance * squares / gain - np.log(gain)))
+
+    best = int(np.argmax([ratio(one) for one in _UNSTEADINESS]))
+    around = _UNSTEADINESS[max(best - 1, 0)], _UNSTEADINESS[min(best + 1, len(_UNSTEADINESS) - 1)]
+    found = minimize_scalar(lambda one: -ratio(one), bounds=around, method="bounded", options={"xatol": 1e-4})
+    return float(np.exp(found.x)), float(-found.fun)
+
+
+def _compute_rest_correction(
+    residual: FloatArray, weight: FloatArray, weighted: FloatArray, z_covariance: FloatArray
+) -> FloatArray:
+    """What to add to the pixels at rest, shape (S, 2): the generalised mean of what is left, motion integrated out."""
+    points = residual.shape[1]
+    normal = -np.einsum("tpai,tab,tqbj->piqj", weighted, z_covariance, weighted, optimize=True)
+    normal[np.arange(points), :, np.arange(points)] += weight.sum(axis=0)
+    right = np.einsum("tpij,tpj->pi", weight, residual)
+    return np.linalg.solve(normal.reshape(2 * points, 2 * points), right.ravel()).reshape(points, 2)
+
+
+def _estimate_noise_factor(residual: FloatArray, stated: FloatArray, seen: BoolArray, used: float) -> float:
+    """Variance of the residuals over the stated one; 1 where too few observations are spare."""
+    spare = 2 * seen.sum() - used - 2 * seen.shape[1]
+    if spare < _FEWEST_SPARE:
+        return 1.0
+    weight = np.linalg.inv(stated + _LEAST_STD_PX**2 * np.eye(2))
+    return float(np.einsum("tpi,tpij,tpj->", residual, weight, residual) / spare)

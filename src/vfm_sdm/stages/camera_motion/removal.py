@@ -1,0 +1,266 @@
+"""Tracks without the motion of the cameras, such as that of a tripod that shakes in the wind or settles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
+from vfm_sdm.core.datasets import Status, check_tracks, trusted_values
+from vfm_sdm.core.statuses import CameraMotionStatus
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
+from vfm_sdm.stages.camera_motion.estimation import MotionEstimate, compute_motion_jacobian, estimate_motion
+
+__all__ = ["CameraMotion", "ViewMotion", "remove_camera_motion", "steady_tracks"]
+
+_SIGNIFICANT = 20.0
+"""Likelihood ratio that a still camera reaches once in 10^5 recordings (chi-square with one degree of freedom)."""
+_PREDICTED = 0.75
+"""Share of the static points' slow shifts that the others must predict; by chance, two that drift agree by half."""
+_CLEAR = 5.0
+_CLEAR_PX = 0.1
+"""Multiples of their noise, and of a drift, that the shifts of a single static point must exceed: nothing checks it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewMotion:
+    """Motion of one camera, T frames on the view's own clock.
+
+    Parameters
+    ----------
+    status
+        One of `vfm_sdm.core.statuses.CameraMotionStatus`.
+    static
+        Names of the S static points that were used.
+    rotation, rotation_std
+        Shape (T, 3) [rad], about the camera's own axes right, down and forward; NaN where no static point is seen.
+    translation, translation_std
+        Shape (T, 3) [m], along the same axes. A point at X in the axes of the camera at rest is at ``X + w x X + s``
+        in those of the moved camera, with the rotation w and the translation s; both are relative to their mean.
+    point_rms_before_px, point_rms_after_px
+        Root mean square shift of each static point from its mean, shape (S,) [px]: as tracked, and less what the other
+        static points predict. NaN for a single point.
+    """
+
+    status: str
+    static: tuple[str, ...]
+    rotation: FloatArray
+    rotation_std: FloatArray
+    translation: FloatArray
+    translation_std: FloatArray
+    point_rms_before_px: FloatArray
+    point_rms_after_px: FloatArray
+
+    @property
+    def applied(self) -> bool:
+        """Whether the motion was removed from the tracks."""
+        return self.status in {CameraMotionStatus.OK, CameraMotionStatus.ONE_POINT}
+
+    @property
+    def rms_before_px(self) -> float:
+        """Shift of the static points, root mean square over points and frames [px]; NaN without any."""
+        return _root_mean_square(self.point_rms_before_px)
+
+    @property
+    def rms_after_px(self) -> float:
+        """What the other static points leave of it [px]; NaN with fewer than two."""
+        return _root_mean_square(self.point_rms_after_px)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraMotion:
+    """Tracks without the motion of the cameras, and that motion.
+
+    Parameters
+    ----------
+    tracks
+        Tracks by view name, shape (T, P, 2) [px]; where the motion of a view was not removed, they are the dataset that
+        was given.
+    views
+        Motion of each camera by view name.
+    """
+
+    tracks: Mapping[str, xr.Dataset]
+    views: Mapping[str, ViewMotion]
+
+
+def steady_tracks(tracks: Mapping[str, xr.Dataset], rig: Rig | None, static: Sequence[str]) -> CameraMotion:
+    """As `remove_camera_motion`, and the tracks as they are where nothing can show the cameras' motion.
+
+    Parameters
+    ----------
+    tracks
+        By view, each on its own clock.
+    rig
+        Cameras; without metres, depths of points are unknown and nothing is removed.
+    static
+        Names of the points that must not move; without any, nothing is removed.
+    """
+    if not static or rig is None or not rig.metric:
+        return CameraMotion(tracks, {})
+    return remove_camera_motion(tracks, rig, static)
+
+
+def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[str]) -> CameraMotion:
+    """Tracks as cameras that stand still would have seen them.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of every view of the rig on its own clock, shape (T, P, 2) [px], before or after synchronisation, all
+        with the same points.
+    rig
+        Metric cameras at rest.
+    static
+        Names of points that do not move. Three or more, far apart in the picture and at several depths,
+        determine the motion; with two, roll and translation lean on the prior; with one, they come from it alone.
+
+    Returns
+    -------
+    motion
+        Every point's pixels less the shift that the camera's motion gives them at their own depth, with the
+        uncertainty of that shift added to ``position_covariance``. A static point is corrected by the others, so that
+        what is left of it remains a check. Where no (other) static point is seen, the position stands as tracked, with
+        the recording's usual shift in its covariance and the status ``unreliable``; so does that of a point without a
+        known depth, with its own covariance.
+
+    Raises
+    ------
+    DatasetError
+        The rig is not metric or has other views than the tracks, the views have other points than each other, or a
+        static point is not among them.
+
+    Notes
+    -----
+    Points are triangulated once, from their mean pixels; the motion is estimated frame by frame, see
+    `vfm_sdm.stages.camera_motion.estimation.estimate_motion`, linear in the shifts. That leaves about ``shift^2 / (2
+    f)`` of a shift: 0.01 px of 18 px at a focal length of 15,500 px. The motion is relative to its mean over the
+    recording, which drops out of displacement.
+
+    Nothing is changed unless the shifts are significant and, with two static points or more, each is predicted by the
+    others: of the variance of their shifts beyond noise that is white in time, three quarters have to go.
+    """
+    names = _check_inputs(tracks, rig, static)
+    positions = {view: trusted_values(tracks[view], "position") for view in rig.names}
+    rest = np.stack([mean_of_known(positions[view]) for view in rig.names])
+    points3d = triangulate(rest, rig)
+    points3d = np.where(in_front_of_all(points3d, rig)[:, None], points3d, np.nan)
+    usable = [names.index(name) for name in static if np.isfinite(points3d[names.index(name)]).all()]
+    corrected, views = {}, {}
+    for view, camera in zip(rig.names, rig.cameras, strict=True):
+        jacobian = compute_motion_jacobian(camera, points3d)
+        corrected[view], views[view] = _remove_from_view(tracks[view], positions[view], jacobian, usable)
+    return CameraMotion({view: corrected[view] for view in tracks}, {view: views[view] for view in tracks})
+
+
+def _check_inputs(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[str]) -> list[str]:
+    """Names of the points that all views share."""
+    if not rig.metric:
+        raise DatasetError("rig: expected metres, got an unknown scale; measure the baseline")
+    if set(tracks) != set(rig.names):
+        raise DatasetError(f"tracks: expected views {list(rig.names)}, got {list(tracks)}; pass one dataset a camera")
+    names = [str(point) for point in check_tracks(tracks[rig.names[0]])["point"].values]
+    for view in rig.names[1:]:
+        found = [str(point) for point in check_tracks(tracks[view])["point"].values]
+        if found != names:
+            raise DatasetError(f"view {view!r}: expected points {names}, got {found}; retrack")
+    unknown = [name for name in static if name not in names]
+    if unknown or len(set(static)) != len(static):
+        raise DatasetError(f"static points: expected distinct names of {names}, got {list(static)}; correct them")
+    return names
+
+
+def _remove_from_view(
+    tracks: xr.Dataset, position: FloatArray, jacobian: FloatArray, usable: Sequence[int]
+) -> tuple[xr.Dataset, ViewMotion]:
+    """Tracks of one view without its camera's motion, and that motion."""
+    frames = len(position)
+    if not usable:
+        nothing = np.full((frames, 3), np.nan)
+        empty = np.zeros(0)
+        return tracks, ViewMotion(CameraMotionStatus.NO_POINTS, (), nothing, nothing, nothing, nothing, empty, empty)
+    covariance = tracks["position_covariance"].values[:, usable]
+    estimate = estimate_motion(position[:, usable], covariance, jacobian[usable])
+    seen = np.asarray(np.isfinite(position[:, usable]).all(axis=-1))
+    shift, left = _compute_shifts(position[:, usable], seen, jacobian[usable], estimate)
+    before, after = _compute_scatter(shift), _compute_scatter(left)
+    if estimate.likelihood_ratio < _SIGNIFICANT:
+        status = CameraMotionStatus.STILL
+    elif len(usable) == 1:
+        noise_px = _root_mean_square(np.sqrt(np.einsum("tpii->tp", covariance)[seen]))
+        clear = before[0] > max(_CLEAR * noise_px, _CLEAR_PX)
+        status = CameraMotionStatus.ONE_POINT if clear else CameraMotionStatus.STILL
+    else:
+        predicted = _compute_predicted_share(shift, left) > _PREDICTED
+        status = CameraMotionStatus.OK if predicted else CameraMotionStatus.NO_GAIN
+    found = np.asarray(seen.any(axis=1))[:, None]
+    motion = np.where(found, estimate.motion, np.nan)
+    std = np.where(found, np.sqrt(np.einsum("taa->ta", estimate.covariance)), np.nan)
+    static = tuple(str(tracks["point"].values[index]) for index in usable)
+    view = ViewMotion(status, static, motion[:, :3], std[:, :3], motion[:, 3:], std[:, 3:], before, after)
+    if not view.applied:
+        return tracks, view
+    return _subtract_motion(tracks, jacobian, usable, seen, estimate), view
+
+
+def _compute_shifts(
+    position: FloatArray, seen: BoolArray, jacobian: FloatArray, estimate: MotionEstimate
+) -> tuple[FloatArray, FloatArray]:
+    """Shifts of the static points from their rest, and what the others' prediction leaves of them, (T, S, 2) [px]."""
+    predicted = np.einsum("pia,pta->tpi", jacobian, estimate.motion_without)
+    if seen.shape[1] == 1:
+        return position - estimate.rest, np.full(position.shape, np.nan)
+    others = seen & (seen.sum(axis=1, keepdims=True) > 1)
+    shift = np.where(others[..., None], position - estimate.rest, np.nan)
+    return shift, shift - predicted
+
+
+def _compute_predicted_share(shift: FloatArray, left: FloatArray) -> float:
+    """Share of the shifts' variance, beyond noise that is white in time, that the others predict; at most 1."""
+    before, after = _root_mean_square(_compute_scatter(shift)) ** 2, _root_mean_square(_compute_scatter(left)) ** 2
+    white = _root_mean_square(np.diff(left, axis=0)) ** 2
+    # Twice the variance of u or v, as the difference of two frames has it, is what u and v have together.
+    return (before - after) / max(before - min(white, after), np.finfo(float).tiny)
+
+
+def _compute_scatter(shift: FloatArray) -> FloatArray:
+    """Root mean square distance from the mean over time, (T, S, 2) to (S,); NaN for a point without samples."""
+    squares = mean_of_known((shift - mean_of_known(shift)) ** 2)
+    return np.asarray(np.sqrt(squares.sum(axis=-1)))
+
+
+def _root_mean_square(values: FloatArray) -> float:
+    """Root of the mean square of what is not NaN; NaN where nothing is known."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def _subtract_motion(
+    tracks: xr.Dataset, jacobian: FloatArray, usable: Sequence[int], seen: BoolArray, estimate: MotionEstimate
+) -> xr.Dataset:
+    """The tracks less the shifts that the motion predicts, with its covariance added."""
+    shift = np.einsum("pia,ta->tpi", jacobian, estimate.motion)
+    added = np.einsum("pia,tab,pjb->tpij", jacobian, estimate.covariance, jacobian, optimize=True)
+    supported = np.repeat(np.asarray(seen.any(axis=1))[:, None], len(jacobian), axis=1)
+    for number, index in enumerate(usable):
+        J = jacobian[index]
+        shift[:, index] = estimate.motion_without[number] @ J.T
+        added[:, index] = np.einsum("ia,tab,jb->tij", J, estimate.covariance_without[number], J)
+        supported[:, index] = np.asarray(np.delete(seen, number, axis=1)).any(axis=1)
+    known = np.asarray(np.isfinite(jacobian).all(axis=(1, 2)))
+    supported &= known
+    status = tracks["status"].values
+    doubtful = ~supported & (status == Status.OK)
+    changed = tracks.copy()
+    # Without support the estimate is zero and its covariance that of the whole recording.
+    values = {
+        "position": tracks["position"].values - np.where(known[:, None], shift, 0.0),
+        "position_covariance": tracks["position_covariance"].values + np.where(known[:, None, None], added, 0.0),
+        "status": np.where(doubtful, np.int8(Status.UNRELIABLE), status),
+    }
+    for name, data in values.items():
+        changed[name] = tracks[name].copy(data=data)
+    return changed

@@ -1,0 +1,84 @@
+"""What a camera estimator is, what it returns, and how one is found by name; `vfm_sdm.core.parts` lists them."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from vfm_sdm.core.registry import find, make
+from vfm_sdm.core.statuses import CameraStatus
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.inputs.session import FirstFrames, Method, Session
+from vfm_sdm.stages.matching.matches import Matches
+
+__all__ = ["CameraEstimate", "CameraEstimator", "estimator_of", "find_estimator"]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraEstimate:
+    """Cameras of all views as an estimator found them.
+
+    Parameters
+    ----------
+    rig
+        Cameras in the order of the session's views, the first one the reference. ``rig.covariance`` is ordered as
+        `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, ten parameters a camera. ``None`` where the images did not allow
+        an estimate; the status says why.
+    matches
+        What was matched between views, for later adjustment; empty where the estimator matched nothing.
+    status
+        ``"ok"``, or the name of what makes the estimate doubtful or impossible.
+    notes
+        Sentences for the summary and the audit.
+    """
+
+    rig: Rig | None
+    matches: tuple[Matches, ...] = ()
+    status: str = CameraStatus.OK
+    notes: tuple[str, ...] = ()
+
+
+class CameraEstimator(Protocol):
+    """Finds the cameras of a session's views."""
+
+    name: str
+
+    def estimate(self, session: Session, frames: FirstFrames) -> CameraEstimate:
+        """Cameras of all views.
+
+        Parameters
+        ----------
+        session
+            The measurement session.
+        frames
+            First frame of each view by view name, in the session's order; a mapping of luma, shape (H, W) each, that
+            yields colours where asked.
+
+        Raises
+        ------
+        CameraError
+            The input does not suffice for an estimate.
+        """
+        ...
+
+
+def estimator_of(method: Method) -> CameraEstimator:
+    """The camera estimator that a session asks for, with the session's settings.
+
+    Raises
+    ------
+    BackendUnavailableError
+        No estimator has this name, or it cannot run here.
+    """
+    estimator: CameraEstimator = make("cameras", method)
+    return estimator
+
+
+def find_estimator(name: str, **options: Any) -> CameraEstimator:
+    """The camera estimator of this name, made with the given options.
+
+    Raises
+    ------
+    BackendUnavailableError
+        No estimator has this name, or it cannot run here.
+    """
+    estimator: CameraEstimator = find("cameras", name).make(**options)
+    return estimator

@@ -1,0 +1,206 @@
+"""Priors of the cameras: what is known of them before the images are used, and a rig that carries it as covariance."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from glob import glob
+
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.statuses import CameraStatus
+from vfm_sdm.errors import CameraError
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.inputs.session import Session, View, lens_from_exif
+from vfm_sdm.stages.cameras.file import read_camera
+
+__all__ = ["CameraPriors", "read_priors"]
+
+
+_UNKNOWN_FOCAL = 1.2
+"""Focal length over the longer image side where nothing is known: a normal lens. Only a place to start from; its
+standard deviation below says that nothing is known."""
+_UNKNOWN_FOCAL_STD = 0.5
+_CALIBRATED_STD = 0.003
+_PRINCIPAL_POINT_STD = 0.015
+"""Principal point from the image centre, over the image diagonal: usual for lenses that are not calibrated."""
+_CORNER_DISTORTION_STD = 0.025
+"""Radial distortion at the image corner, over the radius: usual for lenses that are not wide-angle."""
+_ROTATION_STD_RAD, _POSITION_STD = 1.0, 2.0
+"""Standard deviations of poses that are left free: rotation [rad], and position over the baseline [1]."""
+_CONTRADICTION_STD = 3.0
+_ONE_FOCAL = 0.03
+"""Share by which the two focal lengths of one lens may differ before the estimate counts as unsure."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPriors:
+    """What is known of the cameras of all V views, and the baseline that was measured.
+
+    Parameters
+    ----------
+    names
+        Names of the views.
+    cameras
+        Intrinsics and distortion of each; their poses have no meaning.
+    intrinsics_std
+        Standard deviations of the first four of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, in their units, shape
+        (V, 4).
+    baseline_m
+        Measured distance of the first two views [m].
+    notes
+        Sentences for the summary where something had to be assumed.
+    status
+        ``ok``, or the name of a contradiction.
+    """
+
+    names: tuple[str, ...]
+    cameras: tuple[Camera, ...]
+    intrinsics_std: FloatArray
+    baseline_m: float
+    notes: tuple[str, ...]
+    status: str = CameraStatus.OK
+
+    def fused(self, focal_px: FloatArray, *, relative_std: float, source: str) -> "CameraPriors":
+        """The priors with focal lengths that include another estimate of them, where the two do not contradict.
+
+        Parameters
+        ----------
+        focal_px
+            Estimated focal lengths along both axes, shape (V, 2) [px].
+        relative_std
+            Standard deviation of their mean, relative to it [1].
+        source
+            Name of the estimator; for the notes on contradictions.
+
+        Notes ----- The result is the mean of the logarithms, weighted by their precisions. When a focal length changes,
+        the standard deviation of the distortion changes with it, so that it stays the same at the image's corner.
+        Beyond three standard deviations one of the two is wrong, and a mean would be, too: the session's value stands,
+        and the status names the contradiction.
+
+        Examples
+        --------
+        >>> cameras = tuple(Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480)) for _ in range(2))
+        >>> priors = CameraPriors(("left", "right"), cameras, np.tile([0.05, 10.0, 10.0, 0.1], (2, 1)), 4.0, ())
+        >>> fused = priors.fused(np.full((2, 2), 1040.0), relative_std=0.05, source="another estimator")
+        >>> round(fused.cameras[0].focal_px, 1), fused.intrinsics_std[0, 0].round(4).tolist()
+        (1019.8, 0.0354)
+        """
+        cameras, stds, notes, status = [], self.intrinsics_std.copy(), list(self.notes), self.status
+        for name, camera, std, found in zip(self.names, self.cameras, stds, focal_px, strict=True):
+            off_u, off_v = np.log(found / np.diag(camera.K)[:2])
+            off, joint = (off_u + off_v) / 2, np.hypot(std[0], relative_std)
+            if abs(off_u - off_v) > _ONE_FOCAL:
+                notes.append(f"view {name!r}: {source} gives two focal lengths, {found[0]:.0f} and {found[1]:.0f} px")
+            if abs(off) > _CONTRADICTION_STD * joint:
+                notes.append(f"view {name!r}: {source}'s focal length is {np.expm1(off):+.0%} off what was known of it")
+                status = CameraStatus.CONTRADICTION
+                cameras.append(camera)
+                continue
+            step = off * (std[0] / joint) ** 2
+            cameras.append(camera.perturbed([step, *[0.0] * 9]))
+            std[0] *= relative_std / joint
+            std[3] *= np.exp(2 * step)
+        return replace(self, cameras=tuple(cameras), intrinsics_std=stds, notes=tuple(notes), status=status)
+
+    def metric_rig(
+        self,
+        posed: Sequence[Camera],
+        *,
+        rotation_std_rad: float = _ROTATION_STD_RAD,
+        position_std: float = _POSITION_STD,
+    ) -> Rig:
+        """The rig of these cameras at the measured baseline, with the priors as its covariance.
+
+        Parameters
+        ----------
+        posed
+            The V cameras with their poses, of any scale; the first one is the origin of the world.
+        rotation_std_rad
+            Standard deviation of the further cameras' rotations about each axis [rad].
+        position_std
+            Standard deviation of the further cameras' translations along each axis, over the baseline [1].
+
+        Returns
+        -------
+        rig
+            Metric rig [m], with a covariance of shape (10 V, 10 V).
+
+        Notes
+        -----
+        The distance of the first two views scales all of them (s = B_true / B_est). Relative poses are left free by
+        default: they come from matches that the adjustment on site uses again, and a narrower prior would count these
+        twice.
+
+        Examples
+        --------
+        >>> cameras = tuple(Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480)) for _ in range(2))
+        >>> priors = CameraPriors(("left", "right"), cameras, np.tile([0.05, 10.0, 10.0, 0.1], (2, 1)), 4.0, ())
+        >>> apart = cameras[1].perturbed([0, 0, 0, 0, 0, 0, 0, -1.0, 0, 0])
+        >>> rig = priors.metric_rig([cameras[0], apart])
+        >>> rig.metric, rig.baseline(), rig.covariance.shape
+        (True, 4.0, (20, 20))
+        """
+        rig = Rig(self.names, tuple(posed), False)
+        pose_std = [rotation_std_rad] * 3 + [position_std * self.baseline_m] * 3
+        poses_std = np.array([np.zeros(6)] + [pose_std] * (len(posed) - 1))
+        covariance = np.diag(np.column_stack([self.intrinsics_std, poses_std]).ravel() ** 2)
+        return replace(rig.scaled(self.baseline_m / rig.baseline()), covariance=covariance)
+
+
+def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator: str) -> CameraPriors:
+    """Prior of every view's camera, from its own file, its lens or EXIF, in the order of ``frames``.
+
+    Parameters
+    ----------
+    session
+        Lens priors, camera files and the baseline.
+    frames
+        First frame of every view, shape (H, W); only names and sizes [px] are used.
+    estimator
+        Name of the estimator that asks; messages begin with it.
+
+    Raises
+    ------
+    CameraError
+        Fewer than two views, no baseline in the session, or a camera file of another image size.
+    """
+    if len(frames) < 2:
+        raise CameraError(f"{estimator}: expected at least two views, got {list(frames)}; add a [[view]]")
+    baseline = session.site.baseline
+    if baseline is None:
+        raise CameraError(f"{estimator}: expected site.baseline, got none; measure the distance between the cameras")
+    views = {view.name: view for view in session.view}
+    found = [_read_prior(session, views[name], (luma.shape[1], luma.shape[0])) for name, luma in frames.items()]
+    cameras, stds, notes = zip(*found, strict=True)
+    return CameraPriors(tuple(frames), cameras, np.array(stds), baseline.value, tuple(note for note in notes if note))
+
+
+def _read_prior(session: Session, view: View, image_size: tuple[int, int]) -> tuple[Camera, list[float], str]:
+    """One camera, the std of its intrinsics, and a note or an empty one."""
+    width, height = image_size
+    diagonal = float(np.hypot(width, height))
+    if view.camera is not None:
+        known = read_camera(session.resolve(view.camera), view.name, image_size=image_size)
+        if known.image_size != image_size:
+            raise CameraError(
+                f"camera of view {view.name!r}: expected an image size of {image_size}, got {known.image_size}; "
+                "calibrate at the size of the recording"
+            )
+        corner = diagonal / 2 / known.focal_px
+        std = [_CALIBRATED_STD, 0.001 * diagonal, 0.001 * diagonal, 0.002 / corner**2]
+        return replace(known, cam_from_world=np.eye(3, 4)), std, ""
+    lens, note = view.lens, ""
+    if lens is None and view.images is not None:
+        first_image = min(glob(session.resolve_pattern(view.images)), default=None)
+        lens = lens_from_exif(first_image) if first_image else None
+        note = f"view {view.name!r}: focal length from EXIF, known to 5 %" if lens is not None else ""
+    if lens is None:
+        focal, relative_std = _UNKNOWN_FOCAL * max(width, height), _UNKNOWN_FOCAL_STD
+        note = f"view {view.name!r}: nothing known of the lens; state `lens` in the session"
+    else:
+        focal, relative_std = lens.focal_prior_px(max(image_size)), lens.relative_std
+    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    corner = diagonal / 2 / focal
+    centre_std = _PRINCIPAL_POINT_STD * diagonal
+    std = [relative_std, centre_std, centre_std, _CORNER_DISTORTION_STD / corner**2]
+    return Camera(K, image_size), std, note

@@ -1,0 +1,127 @@
+"""Cameras and points together (B and A of Figure 4): a pose finds points in the other views, these adjust the pose.
+
+The points on the structure take part in the adjustment to the site, and the adjusted cameras find points that the
+first pose missed: one loop, twice at most.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.statuses import CameraStatus, PointStatus
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
+from vfm_sdm.inputs.session import FirstFrames, Session, Site
+from vfm_sdm.stages.cameras.base import CameraEstimator
+from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.matching.base import PointMatcher
+from vfm_sdm.stages.matching.locate import PointFinder
+from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.points import check_inside, named_points
+
+__all__ = ["solve_cameras"]
+
+_NO_COVARIANCE = "the camera file states no covariance: the scale has no stated uncertainty"
+
+
+def solve_cameras(
+    session: Session, frames: FirstFrames, estimator: CameraEstimator, *, matcher: PointMatcher | None = None
+) -> CameraSolution:
+    """Cameras, structural axes and the points' pixels in every view, from the first frames and the site's lengths.
+
+    Parameters
+    ----------
+    session
+        Points and everything measured on site.
+    frames
+        First frame of every view by name, in the session's order.
+    estimator
+        Finds the cameras before the adjustment.
+    matcher
+        Where asked for, what says roughly where points lie in the other views.
+
+    Raises
+    ------
+    SessionError
+        A point lies outside its view's image.
+    CameraError, BackendUnavailableError
+        The settings of the camera estimator do not suffice.
+    """
+    check_inside(session, frames)
+    views = list(frames)
+    if len(views) == 1:
+        return CameraSolution(None, None, None, named_points(session, views), status=CameraStatus.ONE_VIEW)
+    estimate = estimator.estimate(session, frames)
+    if estimate.rig is None:
+        points = named_points(session, views)
+        return CameraSolution(None, None, None, points, status=estimate.status, notes=estimate.notes)
+    finder = PointFinder(session, frames, matcher)
+    points = finder.find(estimate.rig, estimate.matches)
+    # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
+    known = estimate.rig.covariance is not None
+    size = len(CAMERA_PARAMETERS) * len(estimate.rig)
+    prior = estimate.rig if known else replace(estimate.rig, covariance=np.zeros((size, size)))
+    adjusted, unused = _adjust(session, prior, estimate.matches, points)
+    if adjusted.frame is not None:
+        again = finder.find_on_face(points, adjusted.rig, adjusted.frame)
+        if not again.identical(points):
+            points = again
+            adjusted, unused = _adjust(session, prior, estimate.matches, points)
+    notes = [*estimate.notes, *adjusted.notes, *unused, *([] if known else [_NO_COVARIANCE]), *_missing(points)]
+    return CameraSolution(
+        adjusted.rig if known else replace(adjusted.rig, covariance=None),
+        adjusted.frame,
+        adjusted.covariance if known else None,
+        points,
+        quantities=adjusted.quantities,
+        status=adjusted.status if estimate.status == CameraStatus.OK else estimate.status,
+        notes=tuple(notes),
+        epipolar_rms_px=adjusted.epipolar_rms_px,
+    )
+
+
+def _adjust(
+    session: Session, prior: Rig, matches: tuple[Matches, ...], points: xr.Dataset
+) -> tuple[SiteAdjustment, list[str]]:
+    """The cameras adjusted to everything measured on site to points seen in every view, and what had to be left out."""
+    position = points["position"].transpose("point", "view", "pixel").values
+    everywhere = np.isfinite(position).all(axis=(1, 2))
+    seen = {str(n): uv for n, uv, ok in zip(points["point"].values, position, everywhere, strict=True) if ok}
+    site, unused = _measured_to(session.site, seen)
+    adjusted = adjust_to_site(
+        prior,
+        matches,
+        site,
+        seen,
+        face_points=frozenset(p.name for p in session.point if not p.static and p.name in seen),
+        levels={
+            v.name: (np.radians(v.level.pitch), np.radians(v.level.roll), np.radians(v.level.std_deg))
+            for v in session.view[1:]
+            if v.level is not None
+        },
+    )
+    return adjusted, unused
+
+
+def _measured_to(site: Site, seen: Mapping[str, FloatArray]) -> tuple[Site, list[str]]:
+    """The site without lengths to points that are not seen in every view, and what was left out."""
+    ranges = tuple(r for r in site.range if r.point in seen)
+    lengths = tuple(one for one in site.length if set(one.points) <= set(seen))
+    lost = [f"range to {r.point!r}" for r in site.range if r not in ranges]
+    lost += [f"length {one.points[0]!r} to {one.points[1]!r}" for one in site.length if one not in lengths]
+    notes = [f"{what} not used: its point was not found in every view" for what in lost]
+    return site.model_copy(update={"range": ranges, "length": lengths}), notes
+
+
+def _missing(points: xr.Dataset) -> list[str]:
+    """Notes on points that were not found in a view."""
+    status = points["status"]
+    return [
+        f"point {str(point)!r}, view {str(view)!r}: {why}"
+        for point in points["point"].values
+        for view in points["view"].values
+        if (why := status.sel(view=view, point=point).item()) != PointStatus.OK
+    ]

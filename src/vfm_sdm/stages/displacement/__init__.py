@@ -1,0 +1,1 @@
+"""Displacement in millimetres from synchronised tracks, and its uncertainty."""

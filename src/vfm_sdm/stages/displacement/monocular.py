@@ -1,0 +1,129 @@
+"""The paper's monocular baseline: motion in the image plane of one view, scaled by one known length."""
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from vfm_sdm.core.arrays import as_float_array
+from vfm_sdm.core.datasets import check_tracks, make_displacement
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.inputs.session import Session
+from vfm_sdm.stages.displacement.stereo import _reference_position
+
+__all__ = ["PLANE_AXES", "compute_planar_displacement", "measure_planar", "scale_factor"]
+
+PLANE_AXES = ("right", "down")
+"""Axes of a displacement in the image plane."""
+_NAMED_PIXEL_STD = 0.5
+"""How well a user points at the end of a length [px]."""
+
+
+def measure_planar(session: Session, tracks: xr.Dataset) -> xr.Dataset:
+    """Displacement in the image plane of a session's single view: a known length in it sets millimetres a pixel.
+
+    Parameters
+    ----------
+    session
+        Points, ``site.length`` (the first counts) and ``method.still_interval_s``.
+    tracks
+        Tracks of the view.
+
+    Raises
+    ------
+    DatasetError
+        The tracks are malformed, or the length's ends coincide.
+    """
+    length = session.site.length[0]
+    ends = [np.array(p.pixel) for name in length.points for p in session.point if p.name == name]
+    factor = scale_factor(ends[0], ends[1], length.value * 1e3)
+    picked = _NAMED_PIXEL_STD * np.sqrt(2) / np.linalg.norm(ends[0] - ends[1])
+    return compute_planar_displacement(
+        tracks,
+        mm_per_px=factor,
+        scale_std=float(np.hypot(length.std / length.value, picked)),
+        still_interval_s=session.method.still_interval_s,
+    )
+
+
+def compute_planar_displacement(
+    tracks: xr.Dataset, *, mm_per_px: float, scale_std: float, still_interval_s: tuple[float, float] | None = None
+) -> xr.Dataset:
+    """Displacement in the image plane of a single view, in the layout of every displacement dataset.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of one view (see `vfm_sdm.core.datasets`).
+    mm_per_px
+        Scale factor of a known length beside the points, see `scale_factor` [mm/px].
+    scale_std
+        Relative standard deviation of that factor [1].
+    still_interval_s
+        Displacement is relative to the mean over this interval; else to the first valid sample of each point [s].
+
+    Returns
+    -------
+    displacement
+        Along the axes ``right`` and ``down`` of the picture [mm].
+
+    Raises
+    ------
+    DatasetError
+        The tracks are malformed, the factor is not positive, or no frame lies in the still interval.
+
+    Notes
+    -----
+    The paper's monocular baseline: right only for motion parallel to the image plane, at the distance of the known
+    length. The standard deviation is that of the positions, without that of the factor. Positions in space and
+    reprojection errors are NaN, because one view does not know them.
+    """
+    check_tracks(tracks)
+    if not (np.isfinite(mm_per_px) and mm_per_px > 0):
+        raise DatasetError(f"mm_per_px: expected a positive factor, got {mm_per_px}; use scale_factor")
+    position = tracks["position"].values
+    valid = np.isfinite(position).all(axis=2)
+    origin = _reference_position(position, valid, tracks["time"].values, still_interval_s)
+    variance = np.einsum("tpkk->tpk", tracks["position_covariance"].values)
+    frames, points, axes = position.shape
+    return make_displacement(
+        tracks["time"].values,
+        [str(p) for p in tracks["point"].values],
+        PLANE_AXES,
+        displacement_mm=(position - origin) * mm_per_px,
+        displacement_std_mm=np.sqrt(variance) * mm_per_px,
+        scale_std=np.full((points, axes), scale_std),
+        position_m=np.full((frames, points, axes), np.nan),
+        reprojection_error_px=np.full((frames, points), np.nan),
+        status=tracks["status"].values,
+        attrs={
+            "frame": "image plane",
+            "mm_per_px": mm_per_px,
+            "relative_to": "first valid sample" if still_interval_s is None else "mean of the still interval",
+        },
+    )
+
+
+def scale_factor(pixel_a: npt.ArrayLike, pixel_b: npt.ArrayLike, length_mm: float) -> float:
+    """Millimetres a pixel, from a known length in the plane of motion, parallel to the image plane [mm/px].
+
+    Parameters
+    ----------
+    pixel_a, pixel_b
+        Ends of the length in the image, shape (2,) [px].
+    length_mm
+        The length [mm].
+
+    Raises
+    ------
+    DatasetError
+        The pixels coincide or are not finite, or the length is not positive.
+    """
+    ends = np.stack([as_float_array(pixel_a, "pixel_a", (2,)), as_float_array(pixel_b, "pixel_b", (2,))])
+    distance_px = float(np.linalg.norm(ends[1] - ends[0]))
+    if not (np.isfinite(distance_px) and distance_px > 0):
+        raise DatasetError(
+            f"pixel_a, pixel_b: expected two distinct finite pixels, got {ends.tolist()}; name both ends of the length"
+        )
+    if not (np.isfinite(length_mm) and length_mm > 0):
+        raise DatasetError(f"length_mm: expected a positive length, got {length_mm}; measure it in millimetres")
+    return float(length_mm) / distance_px

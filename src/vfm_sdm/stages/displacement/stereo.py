@@ -1,0 +1,266 @@
+"""Tracks and cameras to displacement in millimetres along the structure's axes (paper, section Triangulation)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
+from vfm_sdm.core.datasets import (
+    CAMERA_AXES,
+    PIXEL,
+    STRUCTURE_AXES,
+    Status,
+    check_tracks,
+    make_displacement,
+    worst_status,
+)
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.propagation import (
+    compute_gain_covariance,
+    compute_gain_sensitivity,
+    compute_position_covariance,
+    triangulation_jacobian,
+)
+from vfm_sdm.geometry.structure_frame import StructureFrame
+from vfm_sdm.geometry.triangulation import compute_reprojection_error, in_front_of_all
+from vfm_sdm.geometry.visibility import Sightings, see_points
+from vfm_sdm.signals.clocks import still_frames
+
+__all__ = ["compute_displacement"]
+
+_MM_PER_M = 1e3
+
+
+def compute_displacement(
+    tracks: xr.Dataset,
+    rig: Rig,
+    *,
+    frame: StructureFrame | None = None,
+    covariance: FloatArray | None = None,
+    refinement_gain: FloatArray | None = None,
+    still_interval_s: tuple[float, float] | None = None,
+) -> xr.Dataset:
+    """Displacement dataset of all points from synchronised tracks.
+
+    Parameters
+    ----------
+    tracks
+        Tracks with a dim ``view``, in the order of the rig's cameras, on one clock.
+    rig
+        Metric cameras.
+    frame
+        The structure's axes; without them displacement is along the reference camera's own axes
+        (right, down, forward).
+    covariance
+        Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when nothing is known of it,
+        and then ``scale_std`` is NaN.
+    refinement_gain
+        Where the tracks were refined: refined displacement along each axis from displacement along each as the images
+        alone give it, shape (P, 3, 3) [1]; NaN for points that were not refined.
+    still_interval_s
+        Displacement is relative to the mean over this interval; else to the first valid sample of each point.
+
+    Raises
+    ------
+    DatasetError
+        The tracks are not synchronised, their views are not the rig's, the rig is not metric, or no frame lies in the
+        still interval.
+
+    Notes
+    -----
+    The random part of the uncertainty is the tracks' covariance through the triangulation; it leaves out what all
+    frames share, because the reference frame's noise shifts a whole series and not its motion. The systematic part is
+    the gain of each axis under the covariance of cameras and axes (`compute_gain_std`); ``gain_std`` also holds the
+    leakage from motion along one axis into another, and ``gain_covariance`` what
+    `vfm_sdm.stages.displacement.uncertainty` needs for any displacement. ``pixel_sensitivity`` is how each pixel
+    coordinate moves the result.
+
+    A sample needs two views. Of more than two views, ``seen_by`` names the ones that a sample comes from (an index of
+    ``visibility``, -1 where there is none; ``visibility_views`` says which these are), ``gain_covariance`` and
+    ``pixel_sensitivity`` belong to those that see most samples of a point, and ``gain_covariance_seen_by`` and
+    ``pixel_sensitivity_seen_by`` to each set of them. Views that join or leave make no step, because their mean
+    disagreement is taken off (`vfm_sdm.geometry.visibility`); how well that is known is part of the random standard
+    deviation. Samples of views that share too little with the others for that are unreliable.
+    """
+    names = _check_views(tracks, rig)
+    codes, time_s = tracks["status"].values, tracks["time"].values
+    sight = see_points(tracks["position"].values, tracks["position_covariance"].values, codes == Status.OK, rig)
+    points3d = sight.triangulate(rig)
+    behind = np.isfinite(points3d).all(axis=-1) & ~in_front_of_all(points3d, rig, seen=sight.used)
+    points3d = np.where(behind[..., None], np.nan, points3d)
+    valid = np.asarray(np.isfinite(points3d).all(axis=-1))
+    rotation = np.eye(3) if frame is None else frame.rotation
+    position = points3d @ rotation.T
+
+    linear = _linearise(sight, sight.anchor(valid), rig, rotation, covariance)
+    refined = None if refinement_gain is None else _gain_by_set(refinement_gain, sight, tracks)
+    if refined is not None:
+        linear = linear.refined(refined)
+    variance = _random_variance(linear.jacobian, sight, tracks["position_covariance"].values)
+    axes = CAMERA_AXES if frame is None else STRUCTURE_AXES
+    displacement = make_displacement(
+        time_s,
+        [str(p) for p in tracks["point"].values],
+        axes,
+        displacement_mm=(position - _reference_position(position, valid, time_s, still_interval_s)) * _MM_PER_M,
+        displacement_std_mm=np.where(valid[..., None], np.sqrt(variance), np.nan) * _MM_PER_M,
+        scale_std=np.full((len(tracks["point"]), 3), np.nan),
+        position_m=position,
+        reprojection_error_px=compute_reprojection_error(
+            points3d, np.where(sight.used[..., None], tracks["position"].values, np.nan), rig
+        ),
+        status=_combined_status(codes, sight, behind),
+        attrs={
+            "frame": "reference camera" if frame is None else "structure",
+            "baseline_m": rig.baseline() if len(rig) > 1 else float("nan"),
+            "relative_to": "first valid sample" if still_interval_s is None else "mean of the still interval",
+        },
+    )
+    if "refined_view" in tracks:
+        displacement = displacement.assign(refined_view=("point", tracks["refined_view"].values))
+    return _with_gains(displacement, linear, sight, names)
+
+
+def _check_views(tracks: xr.Dataset, rig: Rig) -> tuple[str, ...]:
+    """Names of the views of synchronised tracks, which are those of a metric rig."""
+    check_tracks(tracks, synchronized=True)
+    names = tuple(str(name) for name in tracks["view"].values)
+    if names != rig.names:
+        raise DatasetError(f"tracks: expected views {list(rig.names)}, got {list(names)}; select and order them")
+    if not rig.metric:
+        raise DatasetError("rig: expected metres, got an unknown scale; measure the baseline")
+    return names
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """How displacement answers to pixels and cameras, for each of K sets of views and P points.
+
+    Parameters
+    ----------
+    jacobian
+        Shape (K, P, 3, V, 2) [m/px].
+    sensitivity
+        Of the gains to camera parameters, shape (K, P, 10 V, 3, 3), in the first camera's frame; ``None`` where nothing
+        is known of the cameras' covariance.
+    rotation, covariance
+        As in `compute_gain_covariance`.
+    gain
+        Of the refinement, shape (K, P, 3, 3) [1].
+    """
+
+    jacobian: FloatArray
+    sensitivity: FloatArray | None
+    rotation: FloatArray
+    covariance: FloatArray | None
+    gain: FloatArray
+
+    def refined(self, gain: FloatArray) -> "_Linear":
+        """The same of refined displacement."""
+        jacobian = np.einsum("spab,spbvk->spavk", gain, self.jacobian)
+        return _Linear(jacobian, self.sensitivity, self.rotation, self.covariance, gain)
+
+    def gain_covariance(self) -> FloatArray:
+        """Shape (K, P, 3, 3, 3) [1], see `compute_gain_covariance`; NaN where nothing is known of the cameras."""
+        if self.sensitivity is None or self.covariance is None:
+            return np.full((*self.jacobian.shape[:2], 3, 3, 3), np.nan)
+        return np.stack(
+            [
+                compute_gain_covariance(sensitivity, self.rotation, self.covariance, refinement_gain=gain)
+                for sensitivity, gain in zip(self.sensitivity, self.gain, strict=True)
+            ]
+        )
+
+
+def _linearise(
+    sight: Sightings, anchor: FloatArray, rig: Rig, rotation: FloatArray, covariance: FloatArray | None
+) -> _Linear:
+    """About one pixel a point and view (V, P, 2): pixels hardly move compared with the distance."""
+    jacobian, sensitivity = [], []
+    for members in sight.visibility.views:
+        pixels = np.where(members[:, None, None], anchor, np.nan)
+        in_camera = triangulation_jacobian(pixels, rig, weights=sight.weights)
+        jacobian.append(np.einsum("ai,pivk->pavk", rotation, in_camera))
+        if covariance is not None:
+            sensitivity.append(compute_gain_sensitivity(pixels, rig, weights=sight.weights))
+    gain = np.broadcast_to(np.eye(3), (len(jacobian), anchor.shape[1], 3, 3))
+    known = None if covariance is None else np.stack(sensitivity)
+    return _Linear(np.stack(jacobian), known, rotation, covariance, gain)
+
+
+def _gain_by_set(gain: FloatArray, sight: Sightings, tracks: xr.Dataset) -> FloatArray:
+    """The refinement's gain (P, 3, 3) for each set of views, (K, P, 3, 3): the identity without the refined view."""
+    sets = sight.visibility.views
+    applied = np.broadcast_to(np.where(np.isfinite(gain), gain, np.eye(3)), (len(sets), *gain.shape)).copy()
+    if "refined_view" in tracks:
+        names = list(tracks["view"].values)
+        for point, view in enumerate(tracks["refined_view"].values):
+            if view in names:
+                applied[~sets[:, names.index(view)], point] = np.eye(3)
+    return applied
+
+
+def _random_variance(jacobian: FloatArray, sight: Sightings, covariance: FloatArray) -> FloatArray:
+    """Variance of all samples from the tracks' covariance and the disagreement of views, (T, P, 3) [m2]."""
+    visibility, main = sight.visibility, sight.visibility.most_frequent()
+    variance = np.full((*visibility.of_sample.shape, 3), np.nan)
+    for number, (members, of_set) in enumerate(zip(visibility.views, jacobian, strict=True)):
+        stated = np.where(members[:, None, None, None, None], covariance, 0.0)
+        own = np.einsum("tpaa->tpa", compute_position_covariance(of_set, stated))
+        apart = np.einsum("pavk,vpkl,pavl->pa", of_set, sight.shift_covariance, of_set)
+        own = own + np.where((main != number)[:, None], apart, 0.0)
+        variance = np.where((visibility.of_sample == number)[..., None], own, variance)
+    return variance
+
+
+def _with_gains(displacement: xr.Dataset, linear: _Linear, sight: Sightings, names: Sequence[str]) -> xr.Dataset:
+    """The dataset with what tells the effect of cameras and pixels, and, of more than two views, which see a sample."""
+    points, main = np.arange(displacement.sizes["point"]), sight.visibility.most_frequent()
+    gain_covariance, jacobian = linear.gain_covariance(), linear.jacobian * _MM_PER_M
+    of_main = gain_covariance[main, points]
+    gain_std = np.sqrt(np.maximum(np.einsum("pabb->pab", of_main), 0.0))
+    axes = list(displacement["axis"].values)
+    gain_dims, pixel_dims = ("point", "axis", "motion_axis", "motion_axis_2"), ("point", "axis", "view", "pixel")
+    displacement = displacement.assign(
+        scale_std=displacement["scale_std"].copy(data=np.einsum("paa->pa", gain_std)),
+        gain_std=(gain_dims[:3], gain_std, {"units": "1"}),
+        gain_covariance=(gain_dims, of_main, {"units": "1"}),
+        pixel_sensitivity=(pixel_dims, jacobian[main, points], {"units": "mm/px"}),
+    )
+    displacement = displacement.assign_coords(motion_axis=axes, motion_axis_2=axes, view=list(names), pixel=list(PIXEL))
+    if len(names) < 3:
+        return displacement
+    together = ["+".join(np.array(names)[members].tolist()) for members in sight.visibility.views]
+    displacement = displacement.assign(
+        visibility_views=(("visibility", "view"), sight.visibility.views.astype(np.int8)),
+        seen_by=(("time", "point"), sight.visibility.of_sample.astype(np.int16)),
+        gain_covariance_seen_by=(("visibility", *gain_dims), gain_covariance, {"units": "1"}),
+        pixel_sensitivity_seen_by=(("visibility", *pixel_dims), jacobian, {"units": "mm/px"}),
+    )
+    return displacement.assign_coords(visibility=together)
+
+
+def _combined_status(status: IntArray, sight: Sightings, behind: BoolArray) -> IntArray:
+    """The worst status over the views that a sample comes from; over all where fewer than two see it; shape (T, P)."""
+    used = sight.used
+    enough = used.sum(axis=0) >= 2
+    combined = worst_status(np.where(used | ~enough, status, Status.OK))
+    apart = enough & (used & ~sight.linked[:, None]).any(axis=0)
+    combined = np.where(apart & (combined == Status.OK), Status.UNRELIABLE, combined)
+    return np.where(behind, Status.BEHIND, combined)
+
+
+def _reference_position(
+    position: FloatArray, valid: BoolArray, time_s: FloatArray, still_interval_s: tuple[float, float] | None
+) -> FloatArray:
+    """Position that displacement is relative to, (T, P, 3) to (P, 3); NaN for a point without any."""
+    if still_interval_s is None:
+        first = position[valid.argmax(axis=0), np.arange(valid.shape[1])]
+        return np.asarray(np.where(np.asarray(valid.any(axis=0))[:, None], first, np.nan))
+    usable = (valid & still_frames(time_s, still_interval_s)[:, None])[..., None]
+    count = usable.sum(axis=0)
+    total = np.where(usable, position, 0.0).sum(axis=0)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))

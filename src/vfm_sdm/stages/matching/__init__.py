@@ -1,0 +1,1 @@
+"""The same place in two views: features, matches, correspondence of named points."""

@@ -1,0 +1,168 @@
+"""Points named in one view, found in all others (section Overall pipeline, step A of Figure 4)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.statuses import PointStatus
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.structure_frame import StructureFrame
+from vfm_sdm.geometry.triangulation import sampson_error
+from vfm_sdm.inputs.session import FirstFrames, Point, Session
+from vfm_sdm.stages.matching.base import PointMatcher
+from vfm_sdm.stages.matching.correspondence import Correspondence, Surface, find_correspondences
+from vfm_sdm.stages.matching.features import match_features
+from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.points import named_points
+
+__all__ = ["PointFinder"]
+
+_EPIPOLAR_BAND = 5e-3
+"""Matches within this share of the image width from a known rig's epipolar lines help to find points."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointFinder:
+    """Finds the points of a session in the views in which nobody named them.
+
+    Parameters
+    ----------
+    session
+        Names the points.
+    frames
+        First frame of every view by name, in the session's order.
+    matcher
+        What says where to look first; ``None`` leaves that to the geometry.
+    """
+
+    session: Session
+    frames: Mapping[str, LumaArray]
+    matcher: PointMatcher | None = None
+
+    def find(self, rig: Rig, matches: Sequence[Matches]) -> xr.Dataset:
+        """Points dataset of all views.
+
+        Parameters
+        ----------
+        rig
+            Approximate cameras; the scale does not matter.
+        matches
+            Feature matches between views; looked for where there are none.
+        """
+        views = list(self.frames)
+        matches = matches or _features_near(rig, list(self.frames.values()))
+        points = named_points(self.session, views)
+        for source, target in _pairs(views):
+            named = [p for p in self.session.point if p.view == source]
+            if not named:
+                continue
+            given = self._suggested(named, source, target)
+            given |= {i: np.array(p.pixel_in[target]) for i, p in enumerate(named) if target in p.pixel_in}
+            between = _between(matches, views.index(source), views.index(target))
+            _enter(points, named, target, self._correspondences(named, rig, between, given=given))
+        return points
+
+    def find_on_face(self, points: xr.Dataset, rig: Rig, frame: StructureFrame) -> xr.Dataset:
+        """Points dataset after a second look for missing points of the structure on its face, if its distance is known.
+
+        Parameters
+        ----------
+        points
+            Of `find`.
+        rig, frame
+            Adjusted to the site, in metres.
+        """
+        distance = self.session.site.perpendicular_distance
+        points = points.copy(deep=True)
+        if distance is None or not rig.metric:
+            return points
+        views = list(self.frames)
+        # The lateral axis points away from the reference camera, where the world has its origin.
+        std = float(np.hypot(distance.std, self.session.site.face_offset_std))
+        face = Surface(frame.rotation[0], distance.value, std)
+        for source, target in _pairs(views):
+            missing = [p for p in self.session.point if p.view == source and _is_missing(p, target, points)]
+            if missing:
+                between = _between((), views.index(source), views.index(target))
+                _enter(
+                    points, missing, target, self._correspondences(missing, rig, between, face=face), only_found=True
+                )
+        return points
+
+    def _correspondences(
+        self,
+        points: Sequence[Point],
+        rig: Rig,
+        matches: Matches,
+        *,
+        given: Mapping[int, FloatArray] | None = None,
+        face: Surface | None = None,
+    ) -> Correspondence:
+        """Places of points in the second view of ``matches`` that were named in its first one."""
+        images = list(self.frames.values())
+        return find_correspondences(
+            (images[matches.first], images[matches.second]),
+            np.array([p.pixel for p in points]),
+            rig,
+            matches=matches,
+            subset_px=self.session.method.subset_px,
+            given=given,
+            surface=face,
+        )
+
+    def _suggested(self, points: Sequence[Point], source: str, target: str) -> dict[int, FloatArray]:
+        """Places (2,) [px] in the target view where the matcher sees the points, by index."""
+        if self.matcher is None or not isinstance(self.frames, FirstFrames):
+            return {}
+        colors = self.frames.colors
+        places = self.matcher.locate(colors[source], colors[target], np.array([p.pixel for p in points]))
+        return {i: place for i, place in enumerate(places) if np.isfinite(place).all()}
+
+
+def _pairs(views: Sequence[str]) -> list[tuple[str, str]]:
+    """Every view with every other one as its target."""
+    return [(source, target) for source in views for target in views if source != target]
+
+
+def _enter(
+    points: xr.Dataset, named: Sequence[Point], view: str, found: Correspondence, *, only_found: bool = False
+) -> None:
+    """Enters what was found of some points in a view; with ``only_found``, nothing of the others."""
+    std = np.sqrt(np.einsum("pii->pi", found.covariance))
+    for number, point in enumerate(named):
+        if only_found and found.status[number] != PointStatus.OK:
+            continue
+        here = {"view": view, "point": point.name}
+        points["position"].loc[here] = found.points2d[number]
+        points["position_std"].loc[here] = std[number]
+        points["status"].loc[here] = str(found.status[number])
+
+
+def _is_missing(point: Point, view: str, points: xr.Dataset) -> bool:
+    """Whether a point of the structure was not found in a view where nobody named it."""
+    if point.static or view in point.pixel_in:
+        return False
+    return points["status"].sel(view=view, point=point.name).item() in (PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED)
+
+
+def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]:
+    """Matches of every view with the reference view that agree with a known rig."""
+    found = []
+    for index in range(1, len(images)):
+        first, second = match_features(images[0], images[index])
+        near = np.abs(sampson_error(first, second, rig, second=index)) < _EPIPOLAR_BAND * images[0].shape[1]
+        found.append(Matches(0, index, first[near], second[near]))
+    return tuple(found)
+
+
+def _between(matches: Sequence[Matches], first: int, second: int) -> Matches:
+    """The matches between two views in this order; empty when there are none."""
+    for m in matches:
+        if (m.first, m.second) == (first, second):
+            return m
+        if (m.first, m.second) == (second, first):
+            return Matches(first, second, m.points_second, m.points_first)
+    return Matches(first, second, np.empty((0, 2)), np.empty((0, 2)))

@@ -1,0 +1,68 @@
+"""The points that a session names, as one dataset: where they lie in the first frame of every view."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.datasets import make_points
+from vfm_sdm.core.statuses import PointStatus
+from vfm_sdm.errors import SessionError
+from vfm_sdm.inputs.session import Session
+
+__all__ = ["check_inside", "named_points"]
+
+
+def check_inside(session: Session, frames: Mapping[str, LumaArray]) -> None:
+    """Refuses named pixels outside their picture.
+
+    Parameters
+    ----------
+    session
+        The measurement, which names the points.
+    frames
+        First frame of every view, shape (H, W); only the sizes [px] are used.
+
+    Raises
+    ------
+    SessionError
+        A pixel lies outside; the message names every such point.
+    """
+    faults = []
+    for point in session.point:
+        for view, (u, v) in {point.view: point.pixel, **point.pixel_in}.items():
+            height, width = frames[view].shape
+            if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
+                faults.append(
+                    f"{point.name!r} in view {view!r}: expected inside {width} x {height}, got ({u:g}, {v:g})"
+                )
+    if faults:
+        raise SessionError("points: " + "; ".join(faults) + "; correct their pixels")
+
+
+def named_points(session: Session, views: Sequence[str]) -> xr.Dataset:
+    """Points dataset with the pixels that the session names, each in its own view; NaN in all others.
+
+    Parameters
+    ----------
+    session
+        The measurement, which names the points.
+    views
+        Names of the V views, in order.
+
+    Returns
+    -------
+    points
+        Points dataset with the pixels of P points, shape (V, P, 2) [px].
+    """
+    shape = (len(views), len(session.point))
+    position = np.full((*shape, 2), np.nan)
+    status = np.full(shape, PointStatus.NOT_LOOKED_FOR, dtype=object)
+    for number, point in enumerate(session.point):
+        here = views.index(point.view)
+        position[here, number], status[here, number] = point.pixel, PointStatus.OK
+    names = [point.name for point in session.point]
+    return make_points(
+        views, names, position=position, position_std=np.where(np.isnan(position), np.nan, 0.0), status=status
+    )

@@ -1,0 +1,1 @@
+"""Sub-pixel registration of image subsets: kernels, subsets, correlation peaks."""

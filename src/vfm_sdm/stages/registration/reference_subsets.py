@@ -1,0 +1,223 @@
+"""Preparation of subsets of the reference image for registration: gradients, matrices, and the effect of noise."""
+
+from concurrent.futures import Executor
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import correlate1d, map_coordinates, spline_filter1d
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
+
+__all__ = ["SMOOTHING", "ReferenceSubsets", "interpolation_noise", "prepare_subsets"]
+
+SMOOTHING = np.array([1, -6, 15, 44, 15, -6, 1]) / 64
+"""Low-pass of the steepest-descent images, 1 - sin^6(pi f): flat up to a quarter of the sampling frequency, zero at
+half of it, where no interpolation is right."""
+
+_DERIVATIVE = np.array([-1, -10, 0, 10, 1]) / 24  # of a quintic spline at the samples, from its coefficients
+_VALUE = np.array([1, 26, 66, 26, 1]) / 120  # its value there
+_FILTERS = len(_VALUE) // 2 + len(SMOOTHING) // 2  # pixels around a subset that the filters after the spline's need
+_MARGIN = _FILTERS + 9  # the spline's coefficients settle over 9 pixels, to 0.43^9
+_BATCH = 32  # subsets prepared at one time; bounds the memory
+
+
+class ReferenceSubsets(NamedTuple):
+    """Arrays of P prepared subsets; the kernel `register_subsets` reads the first four.
+
+    Parameters
+    ----------
+    pixels
+        Template less its mean, smoothed gradients along u and v, in [u, v] order, shape (P, 3, S S) [grey levels].
+    moments
+        Squared norm of the template; sums of the six steepest-descent images; their products with the template;
+        shape (P, 13).
+    matrices
+        Inverse of the Gauss-Newton matrix M, and the plain Hessian, shape (P, 2, 6, 6).
+    grid
+        Offsets (u, v) of a subset's pixels in [u, v] order, shape (2, S S) [px]; the same for all.
+    usable
+        Whether the texture fixes all six parameters, shape (P,).
+    unit_covariance
+        Covariance of the position for noise of one grey level in all, shape (P, 2, 2) [px2].
+    noise_share
+        Part of the gradient matrix that noise of one grey level makes, shape (P, 2, 2) [1].
+    """
+
+    pixels: npt.NDArray[np.float32]
+    moments: FloatArray
+    matrices: FloatArray
+    grid: npt.NDArray[np.float32]
+    usable: BoolArray
+    unit_covariance: FloatArray
+    noise_share: FloatArray
+
+
+def prepare_subsets(
+    reference: LumaArray, centers: IntArray, offsets: FloatArray, half: int, *, executor: Executor | None = None
+) -> ReferenceSubsets:
+    """Gradients and matrices of the subsets around pixels of the reference image.
+
+    Parameters
+    ----------
+    reference
+        Reference image, shape (H, W).
+    centers
+        Pixels at least ``half`` away from the border, shape (P, 2) [px].
+    offsets
+        Vectors from the centre to the named point, shape (P, 2) [px].
+    half
+        Half the side of the subset, without its centre [px].
+    executor
+        Threads that share the work; without them, it runs in this thread.
+
+    Notes
+    -----
+    With T the steepest-descent images of the affine warp (plain gradients) and S the smoothed ones, both orthogonal
+    to a constant and to the template, a step is M^-1 S G / gain with M = S T'. Smoothing S costs next to nothing in
+    precision (the weights of a least-squares estimate may be perturbed to first order) and takes away most of the
+    bias that interpolation has near half the sampling frequency. That S is orthogonal to the template makes the step
+    independent of gain and bias, the ZNSSD criterion, without normalising the current subset.
+
+    References
+    ----------
+    .. [1] Baker, S., Matthews, I. (2004). Lucas-Kanade 20 years on: a unifying framework. International Journal of
+       Computer Vision 56(3), 221-255.
+
+    Examples
+    --------
+    >>> image = np.random.default_rng(0).integers(0, 255, (60, 80), dtype=np.uint8)
+    >>> prepared = prepare_subsets(image, np.array([[40, 30]]), np.zeros((1, 2)), 10)
+    >>> prepared.pixels.shape, prepared.usable.tolist()
+    ((1, 3, 441), [True])
+    """
+
+    def prepare(start: int) -> tuple[npt.NDArray[Any], ...]:
+        return _prepare(reference, centers[start : start + _BATCH], offsets[start : start + _BATCH], half)
+
+    starts = range(0, max(len(centers), 1), _BATCH)
+    parts = map(prepare, starts) if executor is None else executor.map(prepare, starts)
+    pixels, moments, matrices, *others = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return ReferenceSubsets(pixels, moments, matrices, _offset_grid(half).astype(np.float32), *others)
+
+
+def _offset_grid(half: int) -> FloatArray:
+    """Offsets (u, v) of a subset's pixels in [u, v] order, shape (2, S S) [px]."""
+    steps = np.arange(-half, half + 1.0)
+    return np.stack(np.meshgrid(steps, steps, indexing="ij")).reshape(2, -1)
+
+
+@cache
+def interpolation_noise() -> FloatArray:
+    """Share of white noise's variance that interpolation along one axis keeps, at fractions 0, 1/32 ... 1 [1]."""
+    impulse = np.zeros(65)
+    impulse[32] = 1
+    positions = 8 + np.arange(48)[:, None] + np.arange(33) / 32
+    response = map_coordinates(impulse, [positions], order=5, mode="mirror")
+    return np.asarray((response**2).sum(axis=0))
+
+
+def _prepare(reference: LumaArray, centers: IntArray, offsets: FloatArray, half: int) -> tuple[npt.NDArray[Any], ...]:
+    """The fields of `ReferenceSubsets` without the grid, for one batch of points."""
+    windows = _cut_windows(reference, centers, half + _MARGIN)
+    core = np.s_[:, _MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
+    points, count = len(centers), (2 * half + 1) ** 2
+    gray = windows[core].reshape(points, count)
+    template = gray - gray.mean(axis=1, keepdims=True)
+    plain, smooth = ([g.reshape(points, count) for g in kind] for kind in _compute_gradients(windows))
+    design = np.stack([np.ones(count), *_offset_grid(half)])
+    S, T = _Images(smooth, template, design), _Images(plain, template, design)
+    M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
+
+    usable = _is_well_posed(M) & (S.norm2 > 0)
+    inverse = np.linalg.inv(np.where(usable[:, None, None], M, np.eye(6)))
+    J = np.zeros((points, 2, 6))
+    J[:, 0, 0] = J[:, 1, 3] = 1
+    J[:, 0, 1:3] = J[:, 1, 4:6] = offsets
+    to_position = J @ inverse
+    return (
+        np.stack([template, *smooth], axis=1).astype(np.float32),
+        np.column_stack([S.norm2, S.sums, S.on_template]),
+        np.stack([inverse, hessian], axis=1),
+        usable,
+        to_position @ scatter @ to_position.swapaxes(1, 2),
+        _compute_gradient_noise() * count * inverse[:, ::3, ::3],
+    )
+
+
+def _cut_windows(reference: LumaArray, centers: IntArray, reach: int) -> FloatArray:
+    """Windows [u, v] of the image around pixels, mirrored about its border, shape (P, R, R)."""
+    steps = np.arange(-reach, reach + 1)
+    indices = []
+    for axis, size in enumerate(reference.shape[::-1]):
+        period = max(2 * (size - 1), 1)
+        folded = np.abs(centers[:, axis, None] + steps) % period
+        indices.append(np.minimum(folded, period - folded))
+    windows: FloatArray = reference[indices[1][:, None, :], indices[0][:, :, None]].astype(np.float64)
+    return windows
+
+
+def _compute_gradients(windows: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Derivatives along u and v of the quintic spline through the samples, at the samples: plain, and smoothed.
+
+    From windows, shape (P, R, R), they give the inner part, shape (P, R - 2 margin, R - 2 margin): every filter drops
+    the border that it leaves incomplete.
+    """
+    inner = _MARGIN - _FILTERS
+    coefficients = spline_filter1d(windows, order=5, axis=1, mode="mirror")[:, inner:-inner]
+    coefficients = spline_filter1d(coefficients, order=5, axis=2, mode="mirror")[:, :, inner:-inner]
+    wide = [_apply_filter(coefficients, _DERIVATIVE, _VALUE), _apply_filter(coefficients, _VALUE, _DERIVATIVE)]
+    border = len(SMOOTHING) // 2
+    plain = [gradient[:, border:-border, border:-border] for gradient in wide]
+    return plain, [_apply_filter(gradient, SMOOTHING, SMOOTHING) for gradient in wide]
+
+
+def _apply_filter(images: FloatArray, along_u: FloatArray, along_v: FloatArray) -> FloatArray:
+    """Images (P, R, R) correlated with one kernel along each axis, without the incomplete border."""
+    border_u, border_v = len(along_u) // 2, len(along_v) // 2
+    partly = correlate1d(images, along_u, axis=1)[:, border_u:-border_u]
+    return np.asarray(correlate1d(partly, along_v, axis=2)[:, :, border_v:-border_v])
+
+
+class _Images:
+    """Steepest-descent images of one kind of gradient: the gradients times 1, u, v of the offset (``design``)."""
+
+    def __init__(self, gradients: list[FloatArray], template: FloatArray, design: FloatArray) -> None:
+        self.gradients = gradients
+        self.norm2 = np.einsum("pn,pn->p", template, template)
+        self.sums = np.concatenate([g @ design.T for g in gradients], axis=1)
+        self.on_template = np.concatenate([(g * template) @ design.T for g in gradients], axis=1)
+
+
+def _normal_matrix(first: _Images, second: _Images, design: FloatArray) -> FloatArray:
+    """Products of the six images of both, less what each shares with a constant and with the template, (P, 6, 6).
+
+    ZNSSD sees neither gain nor bias, so those shares carry no information about the warp.
+    """
+    squares = np.einsum("in,jn->nij", design, design).reshape(design.shape[1], 9)
+    blocks = np.array([[(a * b) @ squares for b in second.gradients] for a in first.gradients])
+    product = blocks.reshape(2, 2, -1, 3, 3).transpose(2, 0, 3, 1, 4).reshape(-1, 6, 6)
+    norm2 = np.where(first.norm2 > 0, first.norm2, 1)[:, None, None]
+    constant = first.sums[:, :, None] * second.sums[:, None, :] / design.shape[1]
+    template = first.on_template[:, :, None] * second.on_template[:, None, :] / norm2
+    return np.asarray(product - constant - template)
+
+
+@cache
+def _compute_gradient_noise() -> float:
+    """Expected product of smoothed and plain gradient in white noise of one grey level [1]."""
+    side = 2 * _MARGIN + 41
+    impulse = np.zeros((1, side, side))
+    impulse[0, side // 2, side // 2] = 1
+    plain, smooth = _compute_gradients(impulse)
+    return float((plain[0] * smooth[0]).sum())
+
+
+def _is_well_posed(M: FloatArray) -> BoolArray:
+    """Whether matrices (P, 6, 6) fix all six parameters: their scaled symmetric part is far from singular."""
+    symmetric = (M + M.swapaxes(1, 2)) / 2
+    diagonal = np.einsum("pkk->pk", symmetric)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1))
+    smallest = np.linalg.eigvalsh(symmetric / scale[:, :, None] / scale[:, None, :])[:, 0]
+    return np.asarray((diagonal > 0).all(axis=1) & (smallest > 1e-6))

@@ -1,0 +1,223 @@
+"""The lag between two signals to a fraction of a sample, with its uncertainty."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.interpolate import CubicSpline
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.stages.synchronize.search import Group, group_samples, log_explained
+from vfm_sdm.stages.synchronize.signals import Signal
+
+__all__ = ["SubsampleEstimator", "SubsampleLag"]
+
+_STEPS = 20
+_SMALLEST_STEP_S = 1e-7
+_SMOOTHING_HZ = 1.0
+"""Half width of the triangle over which the residual's spectrum is averaged."""
+
+
+@dataclass(frozen=True)
+class SubsampleLag:
+    """A stationary point of the fit near a start value."""
+
+    lag_s: float
+    """Seconds by which the second signal happens later."""
+    lag_std_s: float
+    """Standard deviation of the lag [s]."""
+    at_s: float
+    """Time on the first clock that the lag belongs to [s]: centre of the information in it."""
+    dependence: float
+    """Dependence of the signals at this lag, as in `vfm_sdm.stages.synchronize.search.compute_dependence`."""
+    correlation: float
+    """Root of the share of the second signal's variance that the first explains."""
+    independent_samples: float
+    """Samples a channel, fewer where the residual is correlated in time."""
+    converged: bool
+
+
+_NO_PEAK = SubsampleLag(np.nan, np.nan, np.nan, -np.inf, np.nan, 0.0, converged=False)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """One group's regression on the first clock: arrays (T, q), zero where a sample is missing."""
+
+    residual: FloatArray
+    direction: FloatArray
+    """What a later second signal would change, weighted by the inverse residual covariance."""
+    slope: FloatArray
+    """Time derivative of the second signal."""
+    dependence: float
+    explained: float
+    total: float
+    samples: int
+    parameters: int
+
+
+class SubsampleEstimator:
+    """Estimates lags between two signals to a fraction of a sample.
+
+    Parameters
+    ----------
+    first, second
+        Signals of one rate, in one band.
+    groups
+        Channels compared together; every group has its own mixture.
+
+    Notes
+    -----
+    Model: b(t + lag) = M a(t) + e(t) with an unknown M and covariance of e for every group. The weighted residual is
+    made orthogonal to M da/dt, the derivative of the *first* signal at its own samples, freed from a itself. The usual
+    choice, the derivative of the interpolated b, would carry the same noise as the residual, and an interpolated noise
+    is weaker between samples than on them: that pulls the lag towards half samples.
+
+    The variance of the lag is that of sum(w e) over the squared slope of the equation, with the cross-spectra of e
+    averaged over neighbouring frequencies. So residuals that are coloured, or shared by points (a shaking camera),
+    count as what they are.
+    """
+
+    def __init__(self, first: Signal, second: Signal, groups: Sequence[Group]) -> None:
+        self.first, self.second, self.groups = first, second, groups
+        self._rates_a = np.asarray(CubicSpline(first.time_s, first.values).derivative()(first.time_s))
+        self._curves_b = CubicSpline(second.time_s, second.values)
+        self._rates_b = self._curves_b.derivative()
+
+    def estimate(self, start_lag_s: float, window_s: tuple[float, float] | None = None) -> SubsampleLag:
+        """Lag at which a mixture of the first signal fits the second best, near a start value.
+
+        Parameters
+        ----------
+        start_lag_s
+            Start value, within about a quarter period of the fastest motion [s].
+        window_s
+            Beginning and end of the part of the first clock that is used, shape (2,) [s]; all of it without.
+
+        Examples
+        --------
+        >>> time_s = np.arange(900) / 30
+        >>> one, two = (np.sin(2 * np.pi * 1.3 * t) + np.sin(2 * np.pi * 2.1 * t) for t in (time_s, time_s - 0.01))
+        >>> first, second = (Signal(0.0, 30.0, s[:, None], np.ones((900, 1), dtype=bool)) for s in (one, two))
+        >>> found = SubsampleEstimator(first, second, [((0,), (0,))]).estimate(0.0)
+        >>> found.converged, round(found.lag_s, 4)
+        (True, 0.01)
+        """
+        time_s = self.first.time_s
+        begin, end = np.searchsorted(time_s, window_s) if window_s is not None else (0, time_s.size)
+        time_s, values, rates = (array[begin:end] for array in (time_s, self.first.values, self._rates_a))
+        present = []
+        for group in self.groups:
+            mask = self._shared_samples(group, start_lag_s)[begin:end]
+            if mask.sum() > 4 * len(group[0]):
+                present.append((group, mask))
+        lag = start_lag_s
+        for _ in range(_STEPS):
+            shifted, slopes = self._curves_b(time_s + lag), self._rates_b(time_s + lag)
+            fits = [_fit_group(values, rates, shifted, slopes, group, mask) for group, mask in present]
+            information = sum(float((fit.direction * fit.slope).sum()) for fit in fits)
+            if not information > 0:
+                break
+            step = -sum(float((fit.direction * fit.residual).sum()) for fit in fits) / information
+            # A step of more than a sample leaves the peak that the search found.
+            lag += float(np.clip(step, -1 / self.first.rate_hz, 1 / self.first.rate_hz))
+            if abs(step) < _SMALLEST_STEP_S:
+                return _summarise(fits, lag, time_s, self.first.rate_hz)
+        return _NO_PEAK
+
+    def _shared_samples(self, group: Group, lag_s: float) -> BoolArray:
+        """Samples of the first clock at which both signals are valid, (T,)."""
+        valid_a = group_samples(self.first, group[0])[1] > 0
+        valid_b = group_samples(self.second, group[1])[1] > 0
+        place = (self.first.time_s + lag_s - self.second.start_s) * self.second.rate_hz
+        below = np.floor(place).astype(int)
+        last = len(valid_b) - 1
+        inside = (below >= 0) & (below < last)
+        below = np.clip(below, 0, last - 1)
+        return np.asarray(valid_a & inside & valid_b[below] & valid_b[below + 1])
+
+
+def _fit_group(
+    values_a: FloatArray, rates_a: FloatArray, values_b: FloatArray, rates_b: FloatArray, group: Group, mask: BoolArray
+) -> _Fit:
+    """Regression of one group's b on its a, over the samples of a mask."""
+    columns_a, columns_b = list(group[0]), list(group[1])
+    a, b = values_a[mask][:, columns_a], values_b[mask][:, columns_b]
+    rate_a, rate_b = rates_a[mask][:, columns_a], rates_b[mask][:, columns_b]
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    own, own_b, cross = a.T @ a, b.T @ b, a.T @ b
+    inverse = np.linalg.pinv(own, rcond=1e-9, hermitian=True)
+    mixture = inverse @ cross
+    residual = b - a @ mixture
+    spread = residual.T @ residual / len(a)
+    spread += np.eye(len(spread)) * (1e-9 * np.trace(own_b) / len(a) + 1e-300)
+    direction = rate_a @ mixture
+    direction = direction - direction.mean(axis=0)
+    direction = (direction - a @ (inverse @ (a.T @ direction))) @ np.linalg.inv(spread)
+    return _Fit(
+        residual=_spread_out(residual, mask),
+        direction=_spread_out(direction, mask),
+        slope=_spread_out(rate_b, mask),
+        dependence=float(log_explained(own, own_b, cross)),
+        explained=float(np.trace(own_b) - (residual**2).sum()),
+        total=float(np.trace(own_b)),
+        samples=len(a),
+        parameters=len(own) + 2,
+    )
+
+
+def _spread_out(values: FloatArray, mask: BoolArray) -> FloatArray:
+    """Values of the masked samples on the whole clock, zero elsewhere."""
+    out = np.zeros((mask.size, values.shape[1]))
+    out[mask] = values
+    return out
+
+
+def _summarise(fits: Sequence[_Fit], lag_s: float, time_s: FloatArray, rate_hz: float) -> SubsampleLag:
+    """The lag, its uncertainty and its quality at the last step of the fit."""
+    residual = np.hstack([fit.residual for fit in fits])
+    direction = np.hstack([fit.direction for fit in fits])
+    weight = np.sum([(fit.direction * fit.slope).sum(axis=1) for fit in fits], axis=0)
+    information = float(weight.sum())
+    samples = sum(fit.samples for fit in fits)
+    mean_samples = samples / len(fits)
+    independent = mean_samples * _independent_share(residual)
+    variance = _variance_of_sum(direction, residual, mean_samples, rate_hz)
+    # The fit takes its parameters from the residual near the motion's frequencies, where the variance is read.
+    nearby = min(independent, 2 * _SMOOTHING_HZ * mean_samples / rate_hz)
+    variance *= nearby / max(nearby - max(fit.parameters for fit in fits), 1.0)
+    explained, total = sum(fit.explained for fit in fits), sum(fit.total for fit in fits)
+    return SubsampleLag(
+        lag_s=lag_s,
+        lag_std_s=float(np.sqrt(variance) / information),
+        at_s=float((weight * time_s).sum() / information),
+        dependence=sum(fit.dependence * fit.samples for fit in fits) / samples,
+        correlation=float(np.sqrt(max(explained / total, 0.0))),
+        independent_samples=independent,
+        converged=True,
+    )
+
+
+def _independent_share(residual: FloatArray) -> float:
+    """Independent squares a sample: 1 / sum of the squared autocorrelation, mean over channels of unit power."""
+    power = np.abs(fft.fft(residual, axis=0)) ** 2
+    power = (power / np.maximum(power.sum(axis=0), 1e-300)).mean(axis=1)
+    # A raw spectrum scatters by 100 % in each channel, which its square would take for a coloured residual.
+    scatter = 1 + 1 / residual.shape[1]
+    return float(min(1.0, scatter * power.sum() ** 2 / max(len(power) * (power**2).sum(), 1e-300)))
+
+
+def _variance_of_sum(weights: FloatArray, residual: FloatArray, samples: float, rate_hz: float) -> float:
+    """Variance of the sum of weights times a stationary residual; both (T, Q)."""
+    length = fft.next_fast_len(2 * len(weights), real=True)
+    spectrum_w, spectrum_e = fft.rfft(weights, length, axis=0), fft.rfft(residual, length, axis=0)
+    # Averaging spectra over a triangle of frequencies is tapering covariances by a squared sinc.
+    delay_s = np.minimum(np.arange(length), length - np.arange(length)) / rate_hz
+    taper = np.sinc(delay_s * _SMOOTHING_HZ) ** 2
+    total = 0.0
+    for w, e in zip(spectrum_w.T, spectrum_e.T, strict=True):
+        covariance_w = fft.irfft(np.conj(w)[:, None] * spectrum_w, length, axis=0)
+        covariance_e = fft.irfft(np.conj(e)[:, None] * spectrum_e, length, axis=0)
+        total += float((taper[:, None] * covariance_w * covariance_e).sum())
+    return max(total, 0.0) / samples

@@ -1,0 +1,83 @@
+"""All views on the clock of the reference view, by what the session states and by the motion that they see."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.statuses import ClockStatus
+from vfm_sdm.inputs.session import Session, View
+from vfm_sdm.stages.synchronize.alignment import align_views
+from vfm_sdm.stages.synchronize.dataset_lags import synchronize_views
+from vfm_sdm.stages.synchronize.lag import Synchronization
+
+__all__ = ["synchronize_tracks"]
+
+_SEARCH_S = 3.0
+"""How far from the stated offset between views the true one may be [s]."""
+
+
+def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset]) -> xr.Dataset:
+    """Tracks of all views on the reference view's clock, with what is known of each view's own clock.
+
+    The offset is estimated from the moving points where the session says so; where their motion does not tell it, the
+    stated offset stands and the status says why.
+
+    Parameters
+    ----------
+    session
+        Views with their stated offsets, points, and ``method.synchronization``.
+    tracks
+        By view, each on its own clock.
+
+    Returns
+    -------
+    aligned
+        Tracks with a dim ``view``, and on it ``clock_offset`` [s] (as applied: how much later a view's first frame was
+        taken than the reference view's), ``clock_offset_std`` [s] (NaN where neither motion nor session tell the
+        offset), ``clock_rate`` [1] and ``clock_status``; and ``bits_per_pixel`` [1] of its recording, infinite where it
+        is not compressed or not known.
+
+    Raises
+    ------
+    DatasetError
+        The recordings do not overlap.
+    """
+    stated = {view.name: session.stated_offset_s(view) or 0.0 for view in session.view}
+    found: dict[str, Synchronization] = {}
+    moving = [p.name for p in session.point if not p.static]
+    if session.method.synchronization == "motion" and moving:
+        for view in session.view:
+            pair = {session.reference_view.name: tracks[session.reference_view.name], view.name: tracks[view.name]}
+            one = synchronize_views(
+                pair, start_offsets_s=stated, start_std_s=view.time_offset_std_s, points=moving, search_s=_SEARCH_S
+            )
+            found[view.name] = one[view.name]
+    known = {name: one for name, one in found.items() if one.ok}
+    offsets = {name: known[name].offset_s if name in known else offset for name, offset in stated.items()}
+    rates = {name: known[name].rate_ratio if name in known else 1.0 for name in stated}
+    aligned = align_views(tracks, offsets, rates)
+    stds = [_offset_std(session, view, found.get(view.name)) for view in session.view]
+    statuses = [found[v.name].status if v.name in found else ClockStatus.STATED for v in session.view]
+    return aligned.assign(
+        clock_offset=("view", list(offsets.values()), {"units": "s"}),
+        clock_offset_std=("view", stds, {"units": "s"}),
+        clock_rate=("view", list(rates.values()), {"units": "1"}),
+        clock_status=("view", np.array([str(status) for status in statuses], dtype=object)),
+        bits_per_pixel=("view", [_bits_per_pixel(tracks[name]) for name in stated], {"units": "1"}),
+    )
+
+
+def _offset_std(session: Session, view: View, found: Synchronization | None) -> float:
+    """Standard deviation of a view's offset [s]: of the motion's, else as stated; NaN where nobody knows the offset."""
+    if found is not None and found.status == ClockStatus.OK:
+        return found.lag_std_s
+    if found is not None and session.stated_offset_s(view) is None:
+        return float("nan")
+    return view.time_offset_std_s or 0.0
+
+
+def _bits_per_pixel(tracks: xr.Dataset) -> float:
+    """Size of a recording over its pixels [1]; infinite where it is not known."""
+    found = float(tracks.attrs.get("recording", {}).get("bits_per_pixel", np.inf))
+    return found if np.isfinite(found) else float("inf")

@@ -1,0 +1,153 @@
+"""Points of one view followed from frame to frame: prediction, registration, and search where that fails."""
+
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
+from vfm_sdm.core.datasets import Status
+from vfm_sdm.stages.registration.kernels import FAILED
+from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, DISTINCT_PX, correlation_peaks, cut_subset, has_rival
+from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
+
+__all__ = ["LOOK_ALIKE", "FollowSettings", "Follower"]
+
+LOOK_ALIKE = 0.9
+"""Correlation of another place in the reference frame from which on a subset counts as repeated."""
+
+_BORDER_PX = 5.0  # a subset that vanishes further from the border, and was not moving there, has not left the image
+_SAFE_PX = DISTINCT_PX / 2
+_PEAKS = 4  # places that a search tries: the best, and rivals that would make it ambiguous
+_PEAKS_IN_REFERENCE = 12  # more, because the nearest look-alike counts there, not the best
+
+
+@dataclass(frozen=True)
+class FollowSettings:
+    """Limits that decide between following, searching and giving up; see `vfm_sdm.stages.tracking.icgn.IcgnTracker`."""
+
+    search_radius_px: int
+    max_iterations: int
+    minimum_correlation: float
+    reliable_correlation: float
+    predict: bool
+
+
+class Follower:
+    """Follows the subsets of a bank; every frame is registered to the reference frame, so that errors do not add up.
+
+    Parameters
+    ----------
+    bank
+        The subsets.
+    reference
+        The frame they come from, shape (H, W).
+    settings
+        Limits.
+    executor
+        Threads that share the work.
+    """
+
+    def __init__(self, bank: SubsetBank, reference: LumaArray, settings: FollowSettings, executor: Executor) -> None:
+        self._bank, self._settings, self._executor = bank, settings, executor
+        half = bank.subset_px // 2
+        self._cuts = {int(p): cut_subset(reference, bank.centers[p], half) for p in np.flatnonzero(bank.inside)}
+        identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(bank), 1))
+        self._last = np.concatenate([bank.centers, identity], axis=1)  # warps where each was found last
+        self._step = np.zeros((len(bank), 2))  # motion over the last two frames, where both were found
+        self._seen = bank.usable.copy()
+        self._outside = ~bank.inside
+        self._reference = reference.copy()
+        self._reach = np.full(len(bank), np.nan)  # filled in for a point when it first takes a step that matters
+
+    def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> tuple[RawRegistration, IntArray]:
+        """Registrations in the next frame, and their status: ok, lost or outside, shape (P,).
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        expected
+            Where the points should be, shape (P, 2) [px]; where NaN, and without it, the last motion is continued.
+        """
+        start = self._last.copy()
+        if self._settings.predict:
+            start[:, :2] += self._step
+        if expected is not None:
+            shown = np.isfinite(expected).all(axis=1)
+            start[shown, :2] = (expected - self._bank.offset)[shown]
+        raw = self._register(luma, np.arange(len(self._bank)), start)
+        continuous = raw.converged & self._within_reach(np.hypot(*(raw.warps[:, :2] - start[:, :2]).T))
+        found = continuous & (raw.correlation >= self._settings.reliable_correlation)
+        left = raw.outside & (self._clearance(start, luma) <= np.hypot(*self._step.T) + _BORDER_PX)
+        followed = found.copy()
+        doubtful = np.flatnonzero(~found & self._bank.usable)
+        if doubtful.size:
+            self._search(luma, doubtful, raw, continuous=continuous, found=found)
+        raw.outcome[~found, 0], raw.outcome[~found, 2] = FAILED, np.nan
+        # A jump that the search bridged says nothing about the next step.
+        steady = found & self._seen & followed
+        self._step = np.where(steady[:, None], raw.warps[:, :2] - self._last[:, :2], 0.0)
+        self._last[found] = raw.warps[found]
+        self._seen, self._outside = found, ~found & (left | self._outside)
+        return raw, np.where(found, Status.OK, np.where(self._outside, Status.OUTSIDE, Status.LOST))
+
+    def _clearance(self, warps: FloatArray, luma: LumaArray) -> FloatArray:
+        """Smallest distance between the subsets at these places and the border of the image, shape (P,) [px]."""
+        half = self._bank.subset_px // 2
+        limit = np.array(luma.shape[::-1]) - 1
+        return np.asarray(np.minimum(warps[:, :2], limit - warps[:, :2]).min(axis=1) - half)
+
+    def _register(self, luma: LumaArray, rows: IntArray, warps: FloatArray) -> RawRegistration:
+        return self._bank.run(luma, rows, warps, max_iterations=self._settings.max_iterations, executor=self._executor)
+
+    def _peaks(self, luma: LumaArray, rows: IntArray, places: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
+        """Subset and centre (K, 2) of the correlation peaks around places (P, 2), for some of the P subsets."""
+
+        def search(p: int) -> FloatArray:
+            radius_px = self._settings.search_radius_px
+            return correlation_peaks(self._cuts[p], luma, places[p], radius_px=radius_px, count=count)
+
+        centers = list(self._executor.map(search, rows.tolist()))
+        owners = np.repeat(rows, [len(c) for c in centers])
+        return owners, np.concatenate([np.empty((0, 2)), *centers])
+
+    def _search(
+        self, luma: LumaArray, doubtful: IntArray, raw: RawRegistration, *, continuous: BoolArray, found: BoolArray
+    ) -> None:
+        """Looks for subsets around where they were last; enters what is found into ``raw`` and ``found``."""
+        owners, centers = self._peaks(luma, doubtful, self._last[:, :2], _PEAKS)
+        tried = self._register(luma, owners, np.concatenate([centers, self._last[owners, 2:]], axis=1))
+        scores = np.where(tried.converged, tried.correlation, -np.inf)
+        own_scores = np.where(continuous, raw.correlation, -np.inf)
+        for p in doubtful:
+            mine = np.flatnonzero(owners == p)
+            score = scores[mine]
+            best = max(own_scores[p], score.max(initial=-np.inf))
+            if best < self._settings.minimum_correlation:
+                continue
+            if own_scores[p] >= best - AMBIGUITY_MARGIN:  # among equals the continuous one
+                found[p] = True
+                continue
+            winner = mine[score.argmax()]
+            if not has_rival(score, tried.warps[mine, :2], int(score.argmax())):
+                found[p] = True
+                raw.warps[p], raw.outcome[p] = tried.warps[winner], tried.outcome[winner]
+
+    def _within_reach(self, moved: FloatArray) -> BoolArray:
+        """Whether steps from the predicted place (P,) [px] are too short to end at a look-alike by mistake.
+
+        Limits are half the way to the nearest place of the reference frame that looks the same, or the search radius.
+        Those places lie further apart than twice `_SAFE_PX`, so that shorter steps need no look at the reference.
+        """
+        unknown = np.flatnonzero((moved > _SAFE_PX) & np.isnan(self._reach) & self._bank.usable)
+        if unknown.size:
+            home = self._bank.centers.astype(np.float64)
+            owners, centers = self._peaks(self._reference, unknown, home, _PEAKS_IN_REFERENCE)
+            identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(owners), 1))
+            tried = self._register(self._reference, owners, np.concatenate([centers, identity], axis=1))
+            away = np.hypot(*(tried.warps[:, :2] - home[owners]).T)
+            alike = tried.converged & (tried.correlation >= LOOK_ALIKE) & (away > DISTINCT_PX)
+            self._reach[unknown] = self._settings.search_radius_px
+            np.minimum.at(self._reach, owners[alike], away[alike] / 2)
+        return (moved <= _SAFE_PX) | (moved <= self._reach)

@@ -1,0 +1,123 @@
+"""Hybrid trackers: a network follows the points, and subset registration measures them to a fraction of a pixel."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.progress import Progress
+from vfm_sdm.inputs.session import Network
+from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.tracking.base import find_tracker
+from vfm_sdm.stages.tracking.icgn import IcgnTracker
+from vfm_sdm.stages.tracking.inputs import check_counts
+
+__all__ = ["HybridTracker"]
+
+
+class HybridTracker:
+    """Trackers ``vggt+icgn`` and ``tapir+icgn``.
+
+    Parameters
+    ----------
+    follower
+        Name of the tracker that follows the points first.
+    subset_px
+        Side of the registered subsets, odd [px].
+    network
+        Settings of the follower.
+    agreement_px
+        Distance of the two positions above which a sample is unreliable [px].
+
+    Raises
+    ------
+    BackendUnavailableError
+        The follower cannot run here.
+    SessionError
+        A setting is out of its range.
+
+    Notes
+    -----
+    The registration of every frame starts where the network saw the point or, if the network saw nothing, where the
+    point was last. Positions and covariances are those of the registration. Where both disagree, they are not averaged:
+    ``disagreement``, shape (T, P) [px], is their distance; beyond ``agreement_px``, or where only the registration
+    found the point, the status is ``unreliable``.
+    """
+
+    def __init__(
+        self, *, follower: str, subset_px: int = 41, network: Network | None = None, agreement_px: float = 1.0
+    ) -> None:
+        self.name = f"{follower}+icgn"
+        check_counts(self.name, agreement_px=agreement_px)
+        self.follower = find_tracker(follower, network=network)
+        self.registration_tracker = IcgnTracker(subset_px=subset_px)
+        self.agreement_px = agreement_px
+
+    @property
+    def weights_id(self) -> str:
+        """Identity of the follower's weights."""
+        return str(getattr(self.follower, "weights_id", ""))
+
+    def track(
+        self,
+        video: Video,
+        points2d: FloatArray,
+        *,
+        names: Sequence[str],
+        reference_frame: int = 0,
+        progress: Progress | None = None,
+    ) -> xr.Dataset:
+        """Tracks of named points.
+
+        Parameters
+        ----------
+        video
+            The view. It is read twice.
+        points2d
+            Positions in the reference frame, shape (P, 2) [px], full-image pixels.
+        names
+            Point names, length P.
+        reference_frame
+            Index of the frame in which ``points2d`` are given.
+        progress
+            Called with ``tracking``, the number of frames done so far and that of all.
+
+        Returns
+        -------
+        tracks
+            Tracks (see `vfm_sdm.core.datasets`), shape (T, P, 2) [px], with ``disagreement``, shape (T, P) [px].
+
+        Raises
+        ------
+        DatasetError
+            Points lie outside the image, names are not distinct, or there is no such reference frame.
+        """
+        followed = self.follower.track(
+            video, points2d, names=names, reference_frame=reference_frame, progress=_in_halves(progress, 0)
+        )
+        expected = followed["position"].values
+        tracks = self.registration_tracker.track(
+            video,
+            points2d,
+            names=names,
+            reference_frame=reference_frame,
+            progress=_in_halves(progress, len(expected)),
+            expected=expected,
+        )
+        disagreement = np.linalg.norm(tracks["position"].values - expected, axis=2)
+        status = tracks["status"]
+        doubtful = (status.values == Status.OK) & ~(disagreement <= self.agreement_px)
+        tracks["status"] = status.copy(data=np.where(doubtful, np.int8(Status.UNRELIABLE), status.values))
+        attrs = {name: followed.attrs[name] for name in ("preset", "weights", "precision") if name in followed.attrs}
+        return tracks.assign(disagreement=(("time", "point"), disagreement, {"units": "px"})).assign_attrs(
+            tracker=self.name, **attrs
+        )
+
+
+def _in_halves(progress: Progress | None, before: int) -> Progress | None:
+    """Progress in which a frame counts half, after some were done in an earlier pass."""
+    if progress is None:
+        return None
+    return lambda what, done, total: progress(what, (before + done + 1) // 2, total)

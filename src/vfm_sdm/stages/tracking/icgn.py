@@ -1,0 +1,231 @@
+"""Sub-pixel tracking by inverse-compositional Gauss-Newton registration of subsets to the reference frame."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.progress import Progress
+from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, check_subset_px
+from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
+from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
+from vfm_sdm.stages.tracking.split_subset import SplitSubsets
+
+__all__ = ["IcgnTracker"]
+
+_CHUNK = 256  # frames whose covariances are computed at one time
+
+
+class IcgnTracker:
+    """Follows points by registering the square subset around each to every frame (IC-GN, ZNSSD, affine warp).
+
+    Parameters
+    ----------
+    subset_px
+        Side of the subset, odd [px].
+    search_radius_px
+        Where following fails, how far from the last good position to search [px]: the largest jump.
+    predict
+        Whether each frame starts from the last motion continued, or from the last position.
+    max_iterations
+        Gauss-Newton steps after which a registration has failed.
+    minimum_correlation
+        Below this ZNCC a point is lost.
+    reliable_correlation
+        Below this ZNCC, after a search found nothing better, a point is unreliable.
+    max_std_px
+        Above this stated standard deviation, in its worst direction, a point is unreliable [px].
+    threads
+        Threads that share the points; all processors by default.
+
+    Raises
+    ------
+    SessionError
+        A setting is out of its range.
+
+    Notes
+    -----
+    **Registration.** The current image is interpolated by a quintic B-spline, from coefficients of a small region
+    around each subset only. Quintic, because the bias of a cubic spline at a quarter pixel is 0.003 px for textures
+    with frequencies up to 0.3 cycles a pixel and 0.010 px up to 0.4; here it is 0.0003 and 0.002 px. The reference is
+    sampled at its pixels: its gradients are those of the same spline, low-pass filtered near half the sampling
+    frequency (`vfm_sdm.stages.registration.reference_subsets.SMOOTHING`), and the matrix M of the normal equations is
+    computed once. Gain and bias drop out (ZNSSD). Sampling and sums are in single precision (bias below 1e-5 px), the
+    rest in double.
+
+    **Covariance.** With S the steepest-descent images, a step is M^-1 S e / g, with e the difference of two noises and
+    g the gain. The residual sum of squares R of the n pixels estimates the noise of one frame,
+    s2 = R / ((n - 8) (k + g2)): the interpolated frame shows only the share k of its noise in R (k is computed for the
+    fraction of a pixel), but all of it at the low frequencies that S weighs, so that the covariance of a parameter is
+    s2 (1 + g2) / g2 M^-1 S S' M^-T. Noise of the reference stands in M, too, and draws the gain towards zero; both
+    shares are known from s2 and taken out, otherwise weak textures would look better than they are. The noise of the
+    reference frame is common to all frames of a track: it is part of the covariance, but differences between frames
+    do not contain it. In the reference frame itself the position is given and the covariance is zero.
+
+    **Status.** ``lost``: neither following nor a search around the last good position ends in a minimum with at least
+    ``minimum_correlation``; or the search finds several places that are equally good; or the gradients cannot be told
+    from noise. ``outside``: the subset left the image. ``unreliable``: see the parameters. A step of more than half
+    the distance to a look-alike within the reference frame counts as ambiguous.
+
+    References
+    ----------
+    .. [1] Pan, B., Li, K., Tong, W. (2013). Fast, robust and accurate digital image correlation calculation without
+       redundant computations. Experimental Mechanics 53, 1277-1289.
+    .. [2] Baker, S., Matthews, I. (2004). Lucas-Kanade 20 years on: a unifying framework. International Journal of
+       Computer Vision 56, 221-255.
+    """
+
+    name = "icgn"
+
+    def __init__(
+        self,
+        *,
+        subset_px: int = 41,
+        search_radius_px: int = 40,
+        predict: bool = True,
+        max_iterations: int = 50,
+        minimum_correlation: float = 0.6,
+        reliable_correlation: float = 0.8,
+        max_std_px: float = 0.1,
+        threads: int | None = None,
+    ) -> None:
+        check_subset_px(subset_px, "subset_px")
+        check_counts(
+            self.name,
+            search_radius_px=search_radius_px,
+            max_iterations=max_iterations,
+            max_std_px=max_std_px,
+            threads=threads,
+        )
+        check_correlations(self.name, minimum_correlation, reliable_correlation)
+        self.subset_px = subset_px
+        self.max_std_px = max_std_px
+        self.threads = threads or os.cpu_count() or 1
+        self.settings = FollowSettings(
+            search_radius_px, max_iterations, minimum_correlation, reliable_correlation, predict
+        )
+
+    def track(
+        self,
+        video: Video,
+        points2d: FloatArray,
+        *,
+        names: Sequence[str],
+        reference_frame: int = 0,
+        progress: Progress | None = None,
+        expected: FloatArray | None = None,
+    ) -> xr.Dataset:
+        """Tracks of named points, every frame registered to the reference frame.
+
+        Parameters
+        ----------
+        video
+            The view. Read once, in order; a reference frame other than the first is fetched in a pass of its own.
+        points2d
+            Positions in the reference frame, shape (P, 2) [px], full-image pixels.
+        names
+            Point names, length P.
+        reference_frame
+            Index of the frame in which ``points2d`` are given.
+        progress
+            Called with ``tracking``, the number of frames done so far and that of all.
+        expected
+            Where another tracker saw the points, shape (T, P, 2) [px]: registrations start there, unless it is NaN.
+
+        Returns
+        -------
+        xr.Dataset
+            Tracks (see `vfm_sdm.core.datasets`) with ``correlation`` (time, point): ZNCC [1], and ``half_difference``
+            (time, point, pixel): how far the right half of a subset moved beyond the left one [px], each tracked by
+            itself, in every fourth frame, else NaN.
+
+        Raises
+        ------
+        DatasetError
+            Points lie outside the image, names are not distinct, or there is no such reference frame.
+        """
+        points = check_points(points2d, names, video)
+        records: list[tuple[_Record, SplitSubsets]] = []
+        with ThreadPoolExecutor(self.threads) as executor:
+
+            def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
+                bank = SubsetBank.prepare(reference, points, subset_px=self.subset_px, executor=executor)
+                record = _Record(bank, Follower(bank, reference, self.settings, executor))
+                halves = SplitSubsets(reference, bank, executor)
+                records.append((record, halves))
+                places = iter(() if expected is None else expected)
+                return lambda luma: halves.advance(luma, record.advance(luma, next(places, None)))
+
+            time_s = follow_frames(video, reference_frame, begin, progress)
+        record, halves = records[0]
+        position, covariance, correlation, status = record.arrays()
+        # Reliability is judged here, where the covariances are known.
+        lost = (status == Status.OK) & ~np.isfinite(covariance).all(axis=(2, 3))
+        status[lost] = Status.LOST
+        position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
+        doubtful = (correlation < self.settings.reliable_correlation) | (_largest_std(covariance) > self.max_std_px)
+        status[doubtful & (status == Status.OK)] = Status.UNRELIABLE
+        attrs = {
+            "tracker": self.name,
+            "source": video.info.source,
+            "image_width": video.info.width,
+            "image_height": video.info.height,
+            "reference_frame": reference_frame,
+            "subset_px": self.subset_px,
+        }
+        tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
+        return tracks.assign(
+            correlation=(("time", "point"), correlation, {"units": "1"}),
+            half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}),
+        )
+
+
+class _Record:
+    """Registrations of a follower in all frames so far; covariances are computed for many frames at a time."""
+
+    def __init__(self, bank: SubsetBank, follower: Follower) -> None:
+        self._bank, self._follower = bank, follower
+        self._open: list[tuple[RawRegistration, IntArray]] = []
+        self._closed: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []
+
+    def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> RawRegistration:
+        """Registrations in the next frame.
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        expected
+            Where the points should be in it, shape (P, 2) [px].
+        """
+        found = self._follower.advance(luma, expected)
+        self._open.append(found)
+        if len(self._open) == _CHUNK:
+            self._close()
+        return found[0]
+
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+        """Positions (T, P, 2), covariances (T, P, 2, 2), correlations and status codes (T, P)."""
+        if self._open:
+            self._close()
+        position, covariance, correlation, status = (np.concatenate(a) for a in zip(*self._closed, strict=True))
+        return position, covariance, correlation, status
+
+    def _close(self) -> None:
+        frames, points = len(self._open), len(self._bank)
+        found = self._bank.interpret(RawRegistration.joined([raw for raw, _ in self._open]))
+        position, correlation = found.position.reshape(frames, points, 2), found.correlation.reshape(frames, points)
+        covariance = found.covariance.reshape(frames, points, 2, 2)
+        self._closed.append((position, covariance, correlation, np.array([codes for _, codes in self._open])))
+        self._open.clear()
+
+
+def _largest_std(covariance: FloatArray) -> FloatArray:
+    """Standard deviation in the worst direction of covariances (..., 2, 2), shape (...) [px]."""
+    xx, yy, xy = covariance[..., 0, 0], covariance[..., 1, 1], covariance[..., 0, 1]
+    return np.asarray(np.sqrt((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)))

@@ -1,0 +1,68 @@
+"""Left and right halves of subsets, tracked by themselves: where they move apart, a subset covers two motions."""
+
+from concurrent.futures import Executor
+
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
+
+__all__ = ["SplitSubsets"]
+
+_LEAST_SIDE_PX = 11
+_EVERY = 4
+"""Frames between two measurements: enough for a root mean square, at a small part of the tracking's cost."""
+
+
+class SplitSubsets:
+    """Squares of half the side in the left and right half of every subset of a bank.
+
+    Parameters
+    ----------
+    reference
+        Image that the subsets were taken from, shape (H, W).
+    whole
+        The bank of the whole subsets.
+    executor
+        Threads that share the work.
+    """
+
+    def __init__(self, reference: LumaArray, whole: SubsetBank, executor: Executor) -> None:
+        self._whole, self._executor = whole, executor
+        self._apart = np.array([whole.subset_px // 4, 0.0])
+        side = whole.subset_px // 4 * 2 + 1
+        self._bank = None
+        if side >= _LEAST_SIDE_PX:
+            places = np.concatenate([whole.points - self._apart, whole.points + self._apart])
+            self._bank = SubsetBank.prepare(reference, places, subset_px=side, executor=executor)
+        self._found: list[FloatArray] = []
+
+    def advance(self, luma: LumaArray, found: RawRegistration) -> None:
+        """Takes the next frame, and where the whole subsets were found in it.
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        found
+            Registrations of the P whole subsets in it.
+        """
+        difference = np.full((len(self._whole), 2), np.nan)
+        if self._bank is not None and len(self._found) % _EVERY == 0:
+            difference = self._measure(self._bank, luma, found)
+        self._found.append(difference)
+
+    def differences(self) -> FloatArray:
+        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked."""
+        return np.stack(self._found)
+
+    def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> FloatArray:
+        affine = np.where(found.converged[:, None], found.warps[:, 2:], np.nan).reshape(-1, 2, 2)
+        middle, step = self._whole.position(found.rows, found.warps), affine @ self._apart
+        both = np.concatenate([affine, affine])
+        start = np.concatenate([middle - step, middle + step]) - (both @ bank.offset[..., None])[..., 0]
+        rows = np.arange(len(bank))
+        raw = bank.run(luma, rows, np.concatenate([start, both.reshape(-1, 4)], axis=1), executor=self._executor)
+        place = np.where(raw.converged[:, None], bank.position(rows, raw.warps), np.nan)
+        left, right = np.split(place, 2)
+        return np.asarray(right - left - 2 * self._apart)

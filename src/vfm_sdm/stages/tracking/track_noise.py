@@ -1,0 +1,82 @@
+"""Noise that tracks show and their covariances leave out, above all the errors of video compression."""
+
+import numpy as np
+import xarray as xr
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import firwin
+
+from vfm_sdm.core.arrays import FloatArray, unbroken_runs
+from vfm_sdm.core.datasets import check_tracks
+
+__all__ = ["include_track_noise"]
+
+_TAPS = 41
+_EDGE = 0.8
+"""Lower edge of the band that is taken for noise, as a share of the Nyquist frequency."""
+_KAISER = 9.0
+"""Shape of the filter: motion of pixels at a few hertz must leave less than a thousandth of a pixel in the band."""
+_WINDOW_S = 3.0
+
+
+def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
+    """Tracks whose covariances are raised to the scatter that the positions show near the Nyquist frequency.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of one view, shape (T, P, 2) [px]. A covariance of zero (that of the reference frame) stays zero.
+
+    Returns
+    -------
+    tracks
+        The tracks with larger ``position_covariance`` [px2] where the scatter is larger, and with ``scatter``, shape
+        (T, P, 2) [px]: the standard deviation found, NaN where a run of frames is too short to tell.
+
+    Notes
+    -----
+    A codec predicts each frame by moved blocks of earlier ones, to a quarter of a pixel, and drops small differences.
+    All blocks of a surface get the same motion, so its error is common to a whole subset: nothing in the single frame
+    shows it, and a covariance from its residuals is several times too small. In time it is nearly white, so it is seen
+    where the structure does not move, in the highest fifth of the band: variance there over the filter's share of
+    white noise, mean over 3 s.
+
+    Motion of the structure in that band (above 12 Hz at 30 frames a second) counts as noise, and errors that are
+    stronger at low frequencies are understated. What the codec makes of every motion alike, a gain a little below 1, is
+    not scatter and not in it.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> noise = np.random.default_rng(0).normal(0, 0.02, (600, 1, 2))
+    >>> covariance = np.tile(0.005**2 * np.eye(2), (600, 1, 1, 1))
+    >>> tracks = make_tracks(np.arange(600) / 30, ["a"], noise, covariance, np.zeros((600, 1)), attrs={})
+    >>> round(float(include_track_noise(tracks)["scatter"].mean()), 2)
+    0.02
+    """
+    check_tracks(tracks)
+    kernel = firwin(_TAPS, _EDGE, pass_zero=False, window=("kaiser", _KAISER))
+    time_s, position = tracks["time"].values, tracks["position"].values
+    rate_hz = (len(time_s) - 1) / (time_s[-1] - time_s[0]) if len(time_s) > 1 else 1.0
+    variance = np.full(position.shape, np.nan)
+    for point in range(position.shape[1]):
+        for run in unbroken_runs(np.isfinite(position[:, point]).all(axis=1)):
+            variance[run, point] = _estimate_variance(position[run, point], kernel, max(1, round(_WINDOW_S * rate_hz)))
+    covariance = tracks["position_covariance"].values
+    stated = np.einsum("tpii->tpi", covariance)
+    larger = np.isfinite(variance) & (variance > stated) & (stated > 0)
+    factor = np.sqrt(np.divide(variance, stated, out=np.ones_like(stated), where=larger))
+    raised = tracks.copy()
+    raised["position_covariance"] = tracks["position_covariance"].copy(
+        data=covariance * factor[..., :, None] * factor[..., None, :]
+    )
+    return raised.assign(scatter=(("time", "point", "pixel"), np.sqrt(variance), {"units": "px"}))
+
+
+def _estimate_variance(values: FloatArray, kernel: FloatArray, window: int) -> FloatArray:
+    """Variance of white noise, from its share in the kernel's band, shape (T, 2) [px2]; NaN for too short a run."""
+    if len(values) < 2 * len(kernel):
+        return np.full(values.shape, np.nan)
+    high = np.stack([np.convolve(column, kernel, mode="valid") for column in (values - values.mean(axis=0)).T], axis=1)
+    half = len(kernel) // 2
+    power = np.pad(high**2, ((half, half), (0, 0)), mode="reflect")
+    return np.asarray(uniform_filter1d(power, min(window, len(power)), axis=0, mode="nearest") / np.sum(kernel**2))

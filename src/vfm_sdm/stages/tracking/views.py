@@ -1,0 +1,88 @@
+"""All points tracked in every view, each view on its own clock (A of Figure 4)."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.progress import Progress
+from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.tracking.base import Tracker
+from vfm_sdm.stages.tracking.track_noise import include_track_noise
+
+__all__ = ["track_views"]
+
+
+def track_views(
+    videos: Mapping[str, Video],
+    points: xr.Dataset,
+    tracker: Tracker,
+    *,
+    progress: Progress | None = None,
+) -> dict[str, xr.Dataset]:
+    """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
+
+    Covariances are raised to the scatter of the tracks, see `include_track_noise`. The decoder's report on each
+    recording is the attribute ``recording`` of its tracks, a table.
+
+    Parameters
+    ----------
+    videos
+        Recordings by view name.
+    points
+        Points dataset: positions in the first frame of every view, shape (V, P, 2) [px].
+    tracker
+        Tracker that follows the points.
+    progress
+        Called with the view and the frames done.
+
+    Raises
+    ------
+    VideoError
+        A recording cannot be decoded.
+    DatasetError
+        A position does not lie in its picture.
+    """
+    tracks = {}
+    for view, video in videos.items():
+        found = _track_view(video, points.sel(view=view), tracker, _named(progress, view))
+        found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
+        tracks[view] = include_track_noise(found)
+        tracks[view].attrs["recording"] = {**asdict(video.report), "bits_per_pixel": _bits_per_pixel(video)}
+    return tracks
+
+
+def _track_view(video: Video, points: xr.Dataset, tracker: Tracker, progress: Progress | None) -> xr.Dataset:
+    """Tracks of one view; rows of NaN and status lost for the points that have no position."""
+    names = [str(name) for name in points["point"].values]
+    positions = points["position"].transpose("point", "pixel").values
+    known = np.isfinite(positions).all(axis=1)
+    if not known.any():
+        return _lost_tracks(np.array([frame.time_s for frame in video.frames()]), names)
+    chosen = [name for name, ok in zip(names, known, strict=True) if ok]
+    tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
+    codes = tracks["status"].dtype.type(Status.LOST)
+    return tracks if known.all() else tracks.reindex(point=names, fill_value={"status": codes})
+
+
+def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:
+    """Tracks of points none of which has a position."""
+    shape = (len(time_s), len(names))
+    nothing = np.full((*shape, 2), np.nan), np.full((*shape, 2, 2), np.nan)
+    return make_tracks(time_s, names, *nothing, np.full(shape, Status.LOST), attrs={})
+
+
+def _named(progress: Progress | None, view: str) -> Progress | None:
+    """Progress that also says which view it is about."""
+    return None if progress is None else lambda what, done, total: progress(f"{what} {view}", done, total)
+
+
+def _bits_per_pixel(video: Video) -> float:
+    """Size of a video's file over the pixels it holds; NaN for images."""
+    source = Path(video.info.source)
+    pixels = video.info.width * video.info.height * max(video.report.frames, 1)
+    return 8 * source.stat().st_size / pixels if source.is_file() else float("nan")

@@ -1,0 +1,82 @@
+"""What a benchmark yields: all methods on one field test, and all field tests."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vfm_sdm.analysis.evaluation import Evaluation
+from vfm_sdm.analysis.evaluation.metrics import Score
+from vfm_sdm.studies.protocol.cost import Cost
+from vfm_sdm.studies.protocol.methods import Method
+from vfm_sdm.studies.protocol.runs import FieldTest, MethodRun
+from vfm_sdm.studies.protocol.tables import Case, Table
+
+__all__ = ["AGAINST", "Benchmark", "TestResult"]
+
+AGAINST = {
+    "truth": "the exact displacement",
+    "accelerometers": "displacement from the accelerometers, both at 1 to 10 Hz",
+}
+"""What the methods are compared with."""
+
+
+@dataclass(eq=False)
+class TestResult:
+    """All methods on one field test.
+
+    Parameters
+    ----------
+    test
+        The field test.
+    runs
+        By method.
+    evaluations
+        By what they were compared with and by method.
+    reference
+        The accelerometers' displacement itself against the truth.
+    costs
+        Of the stages of the default method.
+    """
+
+    test: FieldTest
+    runs: dict[Method, MethodRun] = field(default_factory=dict)
+    evaluations: dict[str, dict[Method, Evaluation]] = field(default_factory=lambda: {name: {} for name in AGAINST})
+    reference: Evaluation | None = None
+    costs: list[Cost] = field(default_factory=list)
+
+    def score(self, against: str, method: Method, case: Case) -> Score | None:
+        """Figures of a method in a case; ``None`` where it has none."""
+        evaluation = self.evaluations[against].get(method)
+        if evaluation is None:
+            return None
+        found = [row.score for row in evaluation.rows if (row.point, row.axis) == (case.point, case.axis)]
+        return found[0] if found else None
+
+    @property
+    def cases(self) -> list[Case]:
+        """The monitored points along both axes, in the paper's order."""
+        return [Case(self.test.plan.name, p, axis) for p in self.test.monitored for axis in ("vertical", "lateral")]
+
+
+@dataclass(eq=False)
+class Benchmark:
+    """What `run_benchmark` yields.
+
+    Parameters
+    ----------
+    folder
+        Where tables and figures are.
+    tables
+        All of them, by name.
+    results
+        By field test.
+    figures
+        Paths of the figures.
+    seconds
+        What the run took.
+    """
+
+    folder: Path
+    tables: dict[str, Table]
+    results: dict[str, TestResult]
+    figures: list[Path]
+    seconds: float

@@ -1,0 +1,178 @@
+"""The protocol's tables that are no plain comparison of methods, and its summary."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vfm_sdm.core.files import replace_file
+from vfm_sdm.outputs.results import describe_clocks
+from vfm_sdm.studies.protocol.methods import OURS, WITHOUT_SGR, Method
+from vfm_sdm.studies.protocol.records import TestResult
+from vfm_sdm.studies.protocol.sensitivity import SensitivityRow
+from vfm_sdm.studies.protocol.tables import METRICS, Case, Cell, Table, comparison_table
+
+__all__ = [
+    "PAPER",
+    "amplitude_table",
+    "clock_table",
+    "cost_table",
+    "dataset_table",
+    "outside_table",
+    "reference_table",
+    "sensitivity_table",
+    "write_summary",
+]
+
+PAPER = {"NRMSE range": 0.15, "correlation": 0.73, "RPPAE": 0.11}
+"""Means over the paper's twelve cases, with SGR, against its accelerometers."""
+
+_Results = Mapping[str, TestResult]
+_IN_BAND = "accelerometers"
+
+
+def dataset_table(results: _Results) -> Table:
+    """The paper's summary of its data sets."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, result in results.items():
+        plan = result.test.plan
+        width, height = plan.site.image_size
+        video = f"{width} x {height} px, {plan.fps} fps, {plan.duration_s:g} s"
+        points = ", ".join(result.test.monitored)
+        rows.append((name, points, video, f"{100 * plan.baseline_m:.0f}", plan.description))
+    columns = ("data set", "monitored points", "each video", "baseline [cm]", "conditions")
+    return Table("datasets", "Virtual field tests", columns, tuple(rows))
+
+
+def amplitude_table(results: _Results) -> Table:
+    """Peak-to-peak amplitudes, everything at 1 to 10 Hz so that like is compared with like."""
+    rows: list[tuple[Cell, ...]] = []
+    for result in results.values():
+        for case in result.cases:
+            estimates = [_peak_to_peak(result, method, case) for method in (WITHOUT_SGR, OURS)]
+            truth, sensor = np.nan, np.nan
+            if result.reference is not None:
+                row = result.reference.row(case.point, case.axis)
+                truth, sensor = row.estimate_peak_to_peak_mm, row.reference_peak_to_peak_mm
+            rows.append((case.dataset, case.point, case.axis, *estimates, sensor, truth))
+    columns = ("data set", "point", "axis", "without SGR", "with SGR", "accelerometers", "truth")
+    return Table("amplitudes", "Global peak-to-peak amplitude in mm, at 1 to 10 Hz", columns, tuple(rows))
+
+
+def reference_table(results: _Results) -> Table:
+    """How far the accelerometers' displacement is from the truth: what a comparison with it cannot see below."""
+    cases = [case for result in results.values() for case in result.cases]
+    scores = {
+        case: result.reference.row(case.point, case.axis).score
+        for result in results.values()
+        if result.reference is not None
+        for case in result.cases
+    }
+    return comparison_table(
+        "reference_against_truth",
+        "Truth against displacement from the accelerometers, both at 1 to 10 Hz",
+        {"truth": scores},
+        cases=cases,
+        notes=(
+            "No method can be expected to come closer to the accelerometers than the truth does.",
+            "Below 1 Hz the accelerometers know nothing: slow and static deflection is left out on both sides.",
+        ),
+    )
+
+
+def clock_table(results: _Results) -> Table:
+    """Offsets found between the views, and between video and accelerometers, beside the true ones."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, result in results.items():
+        run, truth = result.runs.get(OURS), result.test.truth.attrs
+        second = result.test.session.view[1].name
+        clock = describe_clocks(run.displacement).get(second) if run and run.displacement is not None else None
+        if clock is not None:
+            true, offset, std = float(truth["second_view_offset_s"]), clock["offset_s"], clock["offset_std_s"]
+            rows.append((name, "second view", true, offset, 1e3 * (offset - true), 1e3 * std, clock["status"]))
+        evaluation = result.evaluations["accelerometers"].get(OURS)
+        if evaluation is not None and evaluation.synchronization is not None:
+            found = evaluation.synchronization
+            true = float(np.atleast_1d(truth["sensor_offset_s"])[0])
+            error = 1e3 * (found.offset_s - true)
+            rows.append((name, "accelerometers", true, found.offset_s, error, 1e3 * found.lag_std_s, found.status))
+    columns = ("data set", "clock", "true offset [s]", "found [s]", "error [ms]", "stated std [ms]", "status")
+    return Table("clocks", "Synchronisation by the motion", columns, tuple(rows))
+
+
+def outside_table(results: _Results) -> Table:
+    """Field tests that violate what the method assumes, apart from the others as in the paper."""
+    cases = [case for result in results.values() for case in result.cases]
+    scores = {}
+    for method in (WITHOUT_SGR, OURS):
+        found = {case: results[case.dataset].score("truth", method, case) for case in cases}
+        scores[method.label] = {case: score for case, score in found.items() if score is not None}
+    return comparison_table(
+        "outside_assumptions",
+        "OUTSIDE THE METHOD'S ASSUMPTIONS: cameras that stabilise and sharpen; not a result",
+        scores,
+        cases=cases,
+        notes=(
+            "The stabilisation moves the whole picture. What the static points show of it is removed; the result rests "
+            "on them. The paper leaves its phone sequence out of the evaluation, and so do all other tables here.",
+        ),
+    )
+
+
+def cost_table(results: _Results) -> Table:
+    """Time and peak memory of the stages, means over the field tests."""
+    tasks = list(dict.fromkeys(cost.task for result in results.values() for cost in result.costs))
+    rows: list[tuple[Cell, ...]] = []
+    for task in tasks:
+        costs = [cost for result in results.values() for cost in result.costs if cost.task == task]
+        total = float(np.mean([cost.seconds for cost in costs]))
+        memory = float(np.max([cost.peak_memory_mb for cost in costs]))
+        calls = costs[0].calls
+        rows.append((task, "CPU", costs[0].input_size, str(calls), 1e3 * total / calls, 1e3 * total, memory))
+    columns = ("task", "device", "input", "calls", "time a call [ms]", "total [ms]", "peak memory of the process [MB]")
+    return Table("cost", "Computational cost of the default method", columns, tuple(rows))
+
+
+def sensitivity_table(rows: Sequence[SensitivityRow]) -> Table:
+    """Errors of the sensitivity study."""
+    columns = ("parameter", "value", "method", "axis", "NRMSE range", "RMS error [mm]")
+    cells = tuple((row.parameter, row.value, row.method, row.axis, row.nrmse, row.rms_error_mm) for row in rows)
+    notes = (
+        "One parameter is changed at a time; cameras are known, so that only tracking and geometry are looked at.",
+    )
+    return Table("sensitivity", "Error against truth as conditions get worse", columns, cells, notes)
+
+
+def write_summary(folder: Path, tables: Mapping[str, Table], *, size: str, seconds: float) -> None:
+    """Writes ``benchmark.json`` and ``README.md``: the means beside the paper's, and where every table is."""
+    means = {
+        against: {
+            metric: _mean(tables[f"refinement_against_{against}"], f"{metric}: {OURS.label}") for metric in METRICS
+        }
+        for against in ("truth", "accelerometers")
+        if f"refinement_against_{against}" in tables
+    }
+    document = {"size": size, "seconds": round(seconds, 1), "means_with_sgr": means, "paper": PAPER}
+    with replace_file(folder / "benchmark.json") as temporary:
+        temporary.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    lines = [f"# Protocol on the {size} field tests", "", "Means with SGR over the cases within the assumptions:", ""]
+    lines += ["| | " + " | ".join(METRICS) + " |", "| --- " * (len(METRICS) + 1) + "|"]
+    for against, values in means.items():
+        cells = ["-" if value is None else f"{value:.3f}" for value in values.values()]
+        lines.append(f"| against {against} | " + " | ".join(cells) + " |")
+    paper = [f"{PAPER[metric]:.2f}" if metric in PAPER else "-" for metric in METRICS]
+    lines.append("| the paper, its own data | " + " | ".join(paper) + " |")
+    lines += ["", "Tables:", "", *(f"- [{table.title}](tables/{table.name}.md)" for table in tables.values()), ""]
+    with replace_file(folder / "README.md") as temporary:
+        temporary.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _mean(table: Table, column: str) -> float | None:
+    value = next(row for row in table.rows if row[0] == "mean")[table.columns.index(column)]
+    return float(value) if np.isfinite(float(value)) else None
+
+
+def _peak_to_peak(result: TestResult, method: Method, case: Case) -> float:
+    evaluation = result.evaluations[_IN_BAND].get(method)
+    return np.nan if evaluation is None else evaluation.row(case.point, case.axis).estimate_peak_to_peak_mm

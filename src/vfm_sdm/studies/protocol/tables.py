@@ -1,0 +1,154 @@
+"""Tables as the paper prints them, as CSV and as Markdown."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vfm_sdm.analysis.evaluation.metrics import Score
+from vfm_sdm.core.files import replace_file
+
+__all__ = ["METRICS", "Case", "Table", "comparison_table", "write_table"]
+
+METRICS = {
+    "NRMSE range": "nrmse_range",
+    "correlation": "correlation",
+    "RPPAE": "rppae",
+    "gain": "gain",
+    "skill": "skill",
+}
+"""Columns of a comparison and the field of a `Score` behind each; the first three are the paper's."""
+
+_WHOLE = 0.95
+"""A score of fewer samples than this share of the field test's is named below the table."""
+
+Cell = str | float
+
+
+@dataclass(frozen=True, order=True)
+class Case:
+    """One measurement instance: a point of a field test along an axis."""
+
+    dataset: str
+    point: str
+    axis: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with numbers as numbers.
+
+    Parameters
+    ----------
+    name
+        Of its files.
+    title
+        Above the Markdown.
+    columns
+        Headings.
+    rows
+        Cells, as many as columns.
+    notes
+        Below the Markdown.
+    """
+
+    name: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+
+def comparison_table(
+    name: str,
+    title: str,
+    scores: Mapping[str, Mapping[Case, Score]],
+    *,
+    cases: Sequence[Case],
+    missing: Mapping[str, str] | None = None,
+    notes: Sequence[str] = (),
+) -> Table:
+    """One row a case and one column a metric and method, then mean and standard deviation over the cases.
+
+    Parameters
+    ----------
+    name, title, notes
+        See `Table`.
+    scores
+        By method and case; an absent or undefined figure becomes NaN and is left out of mean and standard deviation.
+    cases
+        Rows.
+    missing
+        Methods that could not run and why; they get a row of their own in the notes and empty columns.
+    """
+    missing = missing or {}
+    methods = [*scores, *missing]
+    columns = ["dataset", "point", "axis"] + [f"{metric}: {method}" for metric in METRICS for method in methods]
+    values = np.full((len(cases), len(METRICS) * len(methods)), np.nan)
+    for row, case in enumerate(cases):
+        for number, field in enumerate(METRICS.values()):
+            for column, method in enumerate(scores):
+                if case in scores[method]:
+                    values[row, number * len(methods) + column] = getattr(scores[method][case], field)
+    rows: list[tuple[Cell, ...]] = [
+        (case.dataset, case.point, case.axis, *line) for case, line in zip(cases, values.tolist(), strict=True)
+    ]
+    known = [column[np.isfinite(column)] for column in values.T]
+    rows.append(("mean", "", "", *(float(np.mean(column)) if column.size else np.nan for column in known)))
+    # The paper's tables agree with the standard deviation of the rows themselves, divided by their number.
+    rows.append(("std", "", "", *(float(np.std(column)) if column.size else np.nan for column in known)))
+    unable = [*_incomplete(scores), *(f"{method} could not run: {why}" for method, why in missing.items())]
+    return Table(name, title, tuple(columns), tuple(rows), (*notes, *unable))
+
+
+def _incomplete(scores: Mapping[str, Mapping[Case, Score]]) -> list[str]:
+    """Cases that were scored on clearly fewer samples than the field test has."""
+    most: dict[str, int] = {}
+    for of_method in scores.values():
+        for case, score in of_method.items():
+            most[case.dataset] = max(most.get(case.dataset, 0), score.samples)
+    return [
+        f"{case.dataset}, {case.point}, {case.axis}: {method} on {score.samples} of {most[case.dataset]} samples only"
+        for method, of_method in scores.items()
+        for case, score in of_method.items()
+        if score.samples < _WHOLE * most[case.dataset]
+    ]
+
+
+def write_table(folder: Path | str, table: Table) -> tuple[Path, Path]:
+    """Writes ``name.csv`` (all digits) and ``name.md`` (three digits) and returns their paths.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written to.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.columns)
+    writer.writerows([["" if _is_nan(cell) else cell for cell in row] for row in table.rows])
+    lines = [f"# {table.title}", "", _line(table.columns), _line(["---"] * len(table.columns))]
+    lines += [_line([_short(cell) for cell in row]) for row in table.rows]
+    lines += ["", *(f"- {note}" for note in table.notes)] if table.notes else []
+    paths = Path(folder) / f"{table.name}.csv", Path(folder) / f"{table.name}.md"
+    for path, content in zip(paths, (text.getvalue(), "\n".join(lines) + "\n"), strict=True):
+        with replace_file(path) as temporary:
+            temporary.write_text(content, encoding="utf-8", newline="\n")
+    return paths
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
+
+
+def _short(cell: Cell) -> str:
+    if isinstance(cell, str):
+        return cell
+    return "-" if _is_nan(cell) else f"{cell:.3f}"
+
+
+def _is_nan(cell: Cell) -> bool:
+    return isinstance(cell, float) and bool(np.isnan(cell))

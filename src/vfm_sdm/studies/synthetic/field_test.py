@@ -1,0 +1,334 @@
+"""Synthetic field tests: a footbridge filmed by two cameras, written as a normal session folder with its truth."""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from vfm_sdm import __version__
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement
+from vfm_sdm.core.netcdf import read_displacement, write_dataset
+from vfm_sdm.core.progress import Progress
+from vfm_sdm.errors import ResultsError, SessionError
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
+from vfm_sdm.inputs.session import (
+    Length,
+    Lens,
+    Level,
+    Measured,
+    Method,
+    Point,
+    Range,
+    Sensor,
+    Session,
+    Site,
+    View,
+    write_session,
+)
+from vfm_sdm.stages.cameras.file import write_rig
+from vfm_sdm.studies.synthetic.film import film_view
+from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, build_footbridge
+from vfm_sdm.studies.synthetic.motion import ModalMotion, Mode
+from vfm_sdm.studies.synthetic.plan import Preset, Recording, SiteErrors, SitePoint
+from vfm_sdm.studies.synthetic.recording import write_video
+from vfm_sdm.studies.synthetic.scene import Scene
+from vfm_sdm.studies.synthetic.sensors import write_acceleration
+
+__all__ = ["demo_plan", "make_demo", "make_field_test"]
+
+_VIEWS = ("left", "right")
+_SHORTEST_S = 0.5
+_SENSOR_WIDTH_MM = 6.17
+_SENSOR_MARGIN_S = 2.0
+"""How much longer than the videos the accelerometers record [s]."""
+_PARAMETERS = len(CAMERA_PARAMETERS)
+_DEMO_FPS = 30
+_DEMO_MODES = (
+    Mode("vertical", 2.2, 4.5, damping_ratio=0.012),
+    Mode("vertical", 6.1, 0.5, damping_ratio=0.015, half_waves=2),
+    Mode("lateral", 1.4, 1.8, damping_ratio=0.010),
+    Mode("longitudinal", 2.2, 0.25, damping_ratio=0.012, half_waves=0),
+)
+# Some 60 Mbit/s, as action cameras write 4K: harder compression would be the largest error of the demonstration.
+_DEMO_RECORDING = Recording(exposure_s=0.0, crf=4)
+
+
+def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | None = None) -> Path:
+    """Writes a virtual field test as a session folder and returns its ``session.toml``.
+
+    Parameters
+    ----------
+    folder
+        New, empty, or of an earlier field test, which is replaced; videos that would be the same are kept, so that work
+        that was cut short goes on. Gets ``left.mp4``, ``right.mp4``, a CSV file for every accelerometer,
+        ``session.toml``, ``truth.nc``, the displacement dataset's layout, exact, and ``cameras_true.toml``.
+    plan
+        What to film; the same plan gives the same bytes.
+    progress
+        Called with what is filmed, the number of frames written so far and the number of all.
+
+    Raises
+    ------
+    ResultsError
+        The folder holds files of these names that are not of a field test, or cannot be written.
+    VideoError
+        A video cannot be written.
+
+    Notes
+    -----
+    Values in the session are the true ones with errors of the size of their standard deviations. The displacement in
+    ``truth.nc`` is along the true structural axes, relative to the rest, at the frames of the reference view.
+    """
+    videos = [f"{name}.mp4" for name in _VIEWS]
+    target, films = _prepare(Path(folder), [*videos, *(f"{m.sensor.name}.csv" for m in plan.accelerometers)])
+    try:
+        for number, video in enumerate(videos):
+            if films[number] != _film_hash(plan, number):
+                (target / video).unlink(missing_ok=True)
+        write_dataset(target / "truth.nc", _truth(plan))
+        for number in range(len(plan.accelerometers)):
+            _write_sensor(target, plan, number)
+        # What a camera calibrated beforehand would be taken from.
+        cameras = Rig.from_world(_VIEWS, plan.site.cameras(), metric=True)
+        write_rig(target / "cameras_true.toml", replace(cameras, covariance=np.zeros(2 * [len(_VIEWS) * _PARAMETERS])))
+    except ResultsError:
+        raise
+    except OSError as error:
+        raise ResultsError(f"{target}: expected to write to this folder, got: {error}; choose another") from error
+    missing = [view for view, video in enumerate(videos) if not (target / video).exists()]
+    scene = _scene(plan.site, plan.seed) if missing else None
+    for view, video in enumerate(videos):
+        path = target / video
+        if scene is not None and view in missing:
+            frames, chroma = film_view(plan, scene, view)
+            options = {"crf": str(plan.recordings[view].crf), **plan.encoder}
+            write_video(path, _counted(frames, plan, view, progress), fps=plan.fps, chroma=chroma, options=options)
+    # Last, so that a folder whose making was cut short is no session.
+    return write_session(target / "session.toml", _session(plan, target))
+
+
+def demo_plan(*, seed: int = 2026, duration_s: float = 3.0, site: FootbridgeSite | None = None) -> Preset:
+    """Two modes of vertical, one of lateral and a slide of longitudinal motion, after 0.4 s at rest.
+
+    Parameters
+    ----------
+    seed
+        Of textures, sensor noise and errors of the measurements on site.
+    duration_s
+        At 30 frames a second [s].
+    site
+        Places of footbridge and cameras.
+
+    Raises
+    ------
+    SessionError
+        The recording would be too short.
+    """
+    if not duration_s >= _SHORTEST_S:
+        raise SessionError(f"duration_s: expected at least {_SHORTEST_S} s, got {duration_s}; make it longer")
+    site = FootbridgeSite() if site is None else site
+    face = site.perpendicular_m
+    motion = ModalMotion(_DEMO_MODES, support_m=site.support_m, span_m=site.span_m)
+    return Preset(
+        name="synthetic footbridge",
+        size="demo",
+        description="good light, cameras that start together",
+        site=site,
+        motion=motion,
+        points=(
+            SitePoint("1/4 span", (face, 0.02, site.station(1 / 4))),
+            SitePoint("3/8 span", (face, -0.02, site.station(3 / 8))),
+            SitePoint("1/2 span", (face, 0.02, site.station(1 / 2))),
+            SitePoint("deck edge", (face - 0.14, -0.455, site.station(0.44))),
+            SitePoint("abutment", (face - 0.1, 0.79, site.longitudinal_m - 0.5), static=True),
+            SitePoint("abutment corner", (face - 0.1, 0.77, site.longitudinal_m - 1.1), static=True),
+        ),
+        recordings=(_DEMO_RECORDING, _DEMO_RECORDING),
+        accelerometers=(),
+        fps=_DEMO_FPS,
+        duration_s=duration_s,
+        still_s=motion.still_s,
+        errors=SiteErrors(0.005, 0.01, 0.02, level_deg=0.1, range_m=0.005, lens_relative=0.02),
+        seed=seed,
+        ranged="3/8 span",
+        refinement="none",
+        synchronization="none",
+        encoder={"preset": "veryfast", "tune": "grain", "threads": "2"},
+    )
+
+
+def make_demo(
+    folder: Path | str,
+    *,
+    seed: int = 2026,
+    duration_s: float = 3.0,
+    site: FootbridgeSite | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Writes the demonstration's recording; see `demo_plan` and `make_field_test`."""
+    return make_field_test(folder, demo_plan(seed=seed, duration_s=duration_s, site=site), progress=progress)
+
+
+@lru_cache(maxsize=1)
+def _scene(site: FootbridgeSite, seed: int) -> Scene:
+    """The scene; the last one is kept, because studies film one scene many times."""
+    return build_footbridge(site, seed=seed)
+
+
+def _counted(
+    frames: Iterator[npt.NDArray[np.uint8]], plan: Preset, view: int, progress: Progress | None
+) -> Iterator[npt.NDArray[np.uint8]]:
+    """The frames of one view, each reported when it is written; the count goes on from view to view."""
+    for number, frame in enumerate(frames, start=view * plan.frames + 1):
+        yield frame
+        if progress is not None:
+            progress(f"filming {plan.name}", number, len(_VIEWS) * plan.frames)
+
+
+def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
+    """The folder, made and without an earlier session file, and what its videos show (`_film_hash`)."""
+    present = [name for name in (*files, "session.toml") if (folder / name).exists()]
+    if present and not (folder / "truth.nc").exists():
+        raise ResultsError(f"{folder}: expected a new folder or an earlier demo, got {present}; choose another folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "session.toml").unlink(missing_ok=True)
+    except OSError as error:
+        raise ResultsError(f"{folder}: expected a folder to write to, got: {error}; choose another") from error
+    try:
+        return folder, [str(film) for film in read_displacement(folder / "truth.nc").attrs["films"]]
+    except (ResultsError, KeyError):  # absent, or of another kind: made anew
+        return folder, ["", ""]
+
+
+def _film_hash(plan: Preset, view: int) -> str:
+    """What tells apart the videos of plans; dataclasses of plain values print in full."""
+    shown = (plan.site, plan.motion, plan.recordings[view], plan.fps, plan.frames, plan.seed, dict(plan.encoder))
+    return hashlib.sha256(f"{__version__} {view} {shown!r}".encode()).hexdigest()
+
+
+def _write_sensor(folder: Path, plan: Preset, number: int) -> None:
+    mounted = plan.accelerometers[number]
+    position = [point.position for point in plan.points if point.name == mounted.point]
+
+    def acceleration_of(time_s: FloatArray) -> FloatArray:
+        # Before the first and after the last people the structure is at rest.
+        return np.asarray(plan.motion.acceleration(time_s, position)[:, 0])
+
+    write_acceleration(
+        folder / f"{mounted.sensor.name}.csv",
+        mounted.sensor,
+        acceleration_of,
+        duration_s=(plan.duration_s + _SENSOR_MARGIN_S - mounted.sensor.clock_offset_s) * mounted.sensor.clock_rate,
+        seed=plan.seed + number,
+    )
+
+
+def _truth(plan: Preset) -> xr.Dataset:
+    time_s = plan.frame_times(0)
+    rest = np.array([point.position for point in plan.points])
+    moving = ~np.array([point.static for point in plan.points])
+    displacement = plan.motion.displacement(time_s, rest) * moving[:, None]
+    shape = displacement.shape
+    return make_displacement(
+        time_s - time_s[0],
+        [point.name for point in plan.points],
+        STRUCTURE_AXES,
+        displacement_mm=1e3 * displacement,
+        displacement_std_mm=np.zeros(shape),
+        scale_std=np.zeros(shape[1:]),
+        position_m=rest + displacement,
+        reprojection_error_px=np.zeros(shape[:2]),
+        status=np.full(shape[:2], Status.OK),
+        attrs={
+            "title": "exact displacement of a synthetic field test",
+            "frame": "structure",
+            "baseline_m": plan.baseline_m,
+            "second_view_offset_s": plan.recordings[1].start_s - plan.recordings[0].start_s,
+            "sensor_offset_s": [m.sensor.clock_offset_s - plan.recordings[0].start_s for m in plan.accelerometers],
+            "within_assumptions": int(plan.within_assumptions),
+            "description": plan.description,
+            "films": [_film_hash(plan, view) for view in range(len(_VIEWS))],
+            "seed": plan.seed,
+            "vfm_sdm_version": __version__,
+        },
+    )
+
+
+def _session(plan: Preset, folder: Path) -> Session:
+    """What an engineer would have noted: every value with an error of the size of its standard deviation."""
+    rng = np.random.default_rng([plan.seed, len(_VIEWS)])
+    errors, site, cameras = plan.errors, plan.site, plan.site.cameras()
+
+    def error(std: float) -> float:
+        return std * float(np.clip(rng.standard_normal(), -2, 2))
+
+    def tape(exact: float, std: float) -> Measured:
+        return Measured(value=round(exact + error(std), 3), std=std)
+
+    ranged = next(point for point in plan.points if point.name == (plan.ranged or plan.points[0].name))
+    focal_mm = [
+        camera.focal_px * (1 + error(errors.lens_relative / 2)) * _SENSOR_WIDTH_MM / camera.image_size[0]
+        for camera in cameras
+    ]
+    return Session(
+        name=plan.name,
+        view=tuple(
+            View(
+                name=name,
+                video=Path(f"{name}.mp4"),
+                lens=Lens(
+                    focal_mm=round(focal, 2), sensor_width_mm=_SENSOR_WIDTH_MM, relative_std=errors.lens_relative
+                ),
+            )
+            for name, focal in zip(_VIEWS, focal_mm, strict=True)
+        ),
+        site=Site(
+            baseline=tape(plan.baseline_m, errors.baseline_m),
+            perpendicular_distance=tape(site.perpendicular_m, errors.perpendicular_m),
+            longitudinal_distance=tape(site.longitudinal_m, errors.longitudinal_m),
+            reference_camera_level=Level(value_deg=round(error(errors.level_deg), 2), std_deg=errors.level_deg),
+            range=(
+                Range(
+                    point=ranged.name,
+                    value=round(float(np.linalg.norm(ranged.position)) + error(errors.range_m), 3),
+                    std=errors.range_m,
+                ),
+            ),
+            length=_lengths(plan, error),
+        ),
+        point=tuple(
+            Point(
+                name=point.name,
+                view=_VIEWS[0],
+                pixel=tuple(float(x) for x in np.round(cameras[0].project(point.position), 3)),
+                static=point.static,
+            )
+            for point in plan.points
+        ),
+        sensor=tuple(
+            Sensor(name=m.sensor.name, file=Path(f"{m.sensor.name}.csv"), point=m.point, units="g")
+            for m in plan.accelerometers
+        ),
+        method=Method(
+            subset_px=plan.subset_px,
+            still_interval_s=(0.0, plan.still_s),
+            refinement=plan.refinement,
+            synchronization=plan.synchronization,
+        ),
+        folder=folder,
+    )
+
+
+def _lengths(plan: Preset, error: Callable[[float], float]) -> tuple[Length, ...]:
+    if plan.known_length is None:
+        return ()
+    ends = [np.array(point.position) for name in plan.known_length for point in plan.points if point.name == name]
+    value = round(float(np.linalg.norm(ends[1] - ends[0])) + error(plan.errors.length_m), 3)
+    return (Length(points=plan.known_length, value=value, std=plan.errors.length_m),)

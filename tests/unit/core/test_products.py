@@ -1,0 +1,161 @@
+"""Products that are made from each other, on a small chain of numbers and texts."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import pytest
+
+from vfm_sdm.core.products import Chain, Kept, product
+from vfm_sdm.errors import ResultsError
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Settings of the chain."""
+
+    a: int = 1
+    b: int = 2
+    unused: int = 0
+
+    def narrowed(self, reads: Sequence[str]) -> "Numbers":
+        return replace(Numbers(), **{name: getattr(self, name) for name in reads})
+
+    def as_fields(self) -> dict[str, int]:
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+
+def _read(path: Path) -> tuple[int, str]:
+    try:
+        value, key = json.loads(path.read_text())
+    except ValueError as error:
+        raise ResultsError("expected a number, got something else; delete it") from error
+    return value, key
+
+
+def _write(path: Path, value: int, key: str) -> None:
+    path.write_text(json.dumps([value, key]))
+
+
+class Sums(Chain[Numbers]):
+    """A sum and what is made of it."""
+
+    whole_allowed = True
+
+    @product(reads=("a", "b"), kept=Kept("total.json", _read, _write))
+    def total(self, numbers: Numbers) -> int:
+        return numbers.a + numbers.b + numbers.unused
+
+    @product(needs=("total",), identity=lambda sign: sign)
+    def sign(self, numbers: Numbers) -> int:
+        return 1 if self.total > 0 else -1
+
+    @product(needs=("sign",), kept=Kept("word.json", _read, _write))
+    def word(self, numbers: Numbers) -> str | None:
+        return None if self.sign > 0 else "negative"
+
+    @product(needs=("total",))
+    def undeclared(self, numbers: Numbers) -> int:
+        return self.total + self.sign
+
+    @product(parts=("hammer",))
+    def undeclared_part(self, numbers: Numbers) -> None:
+        self.check_declared("saw")
+
+    @product()
+    def everything(self, numbers: Numbers) -> None:
+        self.check_outside("everything")
+
+    def part_of(self, kind):
+        return {"kind": kind}
+
+    def part_settings(self, kind):
+        return ()
+
+    def part_modules(self, kind):
+        return ()
+
+
+def test_asking_makes_what_is_needed_once_and_nothing_else():
+    sums = Sums(Numbers(), None)
+    assert (sums.sign, sums.total, sums.sign) == (1, 3, 1)
+    assert sums.made == {"total": 1, "sign": 1}
+
+
+def test_a_product_sees_only_the_settings_that_it_declares():
+    assert Sums(Numbers(unused=40), None).total == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("undeclared", "product 'undeclared' reads 'sign' and does not declare it"),
+        ("undeclared_part", "product 'undeclared_part' uses a part 'saw' and does not declare it"),
+        ("everything", "product 'everything' reads everything; declare what it needs of it"),
+    ],
+)
+def test_what_is_not_declared_is_refused(name, message):
+    with pytest.raises(RuntimeError, match=message):
+        getattr(Sums(Numbers(), None), name)
+
+
+def test_a_kept_product_is_read_while_its_key_is_the_same(tmp_path):
+    Sums(Numbers(), tmp_path).total  # noqa: B018
+    again = Sums(Numbers(unused=7), tmp_path)
+    assert (again.total, again.reused, again.made) == (3, ["total"], {})
+    other = Sums(Numbers(a=5), tmp_path)
+    assert (other.total, other.reused, other.made) == (7, [], {"total": 1})
+
+
+def test_a_damaged_file_is_made_again(tmp_path):
+    (tmp_path / "total.json").write_text("half of a numb")
+    sums = Sums(Numbers(), tmp_path)
+    assert (sums.total, sums.made) == (3, {"total": 1})
+    assert _read(tmp_path / "total.json") == (3, sums.key("total"))
+
+
+def test_a_product_that_is_not_there_any_more_leaves_no_file(tmp_path):
+    assert Sums(Numbers(a=-9), tmp_path).word == "negative"
+    assert (tmp_path / "word.json").exists()
+    assert Sums(Numbers(), tmp_path).word is None
+    assert not (tmp_path / "word.json").exists()
+
+
+def test_keys_follow_what_is_declared():
+    plain, other, unread = (Sums(numbers, None) for numbers in (Numbers(), Numbers(b=30), Numbers(unused=1)))
+    assert plain.key("total") == unread.key("total") != other.key("total")
+    # A product told by its content is the same where its content is.
+    assert plain.key("sign") == other.key("sign")
+    assert plain.key("word") == other.key("word") != Sums(Numbers(a=-9), None).key("word")
+    assert len(plain.key("total")) == 64
+
+
+def test_the_code_of_a_product_is_in_its_key(monkeypatch):
+    before = Sums(Numbers(), None).key("total")
+    monkeypatch.setattr("vfm_sdm.core.products.code_hash", lambda modules, also: "other code")
+    assert Sums(Numbers(), None).key("total") != before
+
+
+def test_given_products_are_not_made():
+    assert Sums(Numbers(), None).given(total=-4).sign == -1
+    with pytest.raises(ValueError, match=r"got unknown \['totals'\]"):
+        Sums(Numbers(), None).given(totals=3)
+
+
+def test_a_chain_in_a_folder_takes_no_given_products(tmp_path):
+    with pytest.raises(ValueError, match="got a chain in"):
+        Sums(Numbers(), tmp_path).given(total=3)
+
+
+def test_times_are_without_those_of_what_is_needed(monkeypatch):
+    ticks = iter(range(100))
+    monkeypatch.setattr("vfm_sdm.core.products.time.perf_counter", lambda: float(next(ticks)))
+    sums = Sums(Numbers(), None)
+    sums.sign  # noqa: B018
+    # sign starts at 0, total at 1, total ends at 2, sign at 3.
+    assert sums.seconds == {"total": 1.0, "sign": 2.0}
+
+
+def test_products_are_named_in_the_order_in_which_they_are_written():
+    assert Sums.products()[:3] == ("total", "sign", "word")

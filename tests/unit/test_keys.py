@@ -1,0 +1,288 @@
+"""Keys that cannot lie: every field of a session and every input file, changed one at a time.
+
+The table says who reads a field; what is made of a product that changed changes, too.
+"""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from vfm_sdm.core.parts import BUILT_IN
+from vfm_sdm.core.products import Product
+from vfm_sdm.core.registry import settings_read
+from vfm_sdm.inputs.session import Session
+from vfm_sdm.measurement import Measurement
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.matching.points import named_points
+
+# Fields by name, and the products that read them; `summary` reads all, and `audit` these tables as a whole.
+READERS = {
+    "name": (),
+    "view.name": ("recordings", "cameras", "aligned", "displacement", "audit"),
+    "view.video": ("recordings", "audit"),
+    "view.images": ("recordings", "cameras", "audit"),
+    "view.fps": ("recordings", "audit"),
+    "view.lens": ("cameras", "audit"),
+    "view.camera": ("cameras", "audit"),
+    "view.level": ("cameras", "audit"),
+    "view.time_offset_s": ("aligned", "audit"),
+    "view.time_offset_std_s": ("aligned", "audit"),
+    "view.start": ("aligned", "audit"),
+    "site": ("cameras", "audit"),
+    "site.length": ("cameras", "displacement", "audit"),
+    "point.name": ("cameras", "points", "steady", "aligned", "displacement", "audit"),
+    "point.view": ("cameras", "points", "audit"),
+    "point.pixel": ("cameras", "points", "displacement", "audit"),
+    "point.static": ("cameras", "steady", "aligned", "audit"),
+    "point.pixel_in": ("cameras", "audit"),
+    "sensor": (),
+    "chessboard": ("cameras",),
+    "method.tracker": ("tracks", "displacement", "audit"),
+    "method.cameras": ("cameras", "displacement", "audit"),
+    "method.correspondence": ("cameras", "audit"),
+    "method.refinement": ("refinement", "displacement", "audit"),
+    "method.sgr": ("refinement", "displacement", "audit"),
+    "method.synchronization": ("aligned", "audit"),
+    "method.camera_motion": ("steady", "audit"),
+    "method.still_interval_s": ("refinement", "unrefined", "displacement", "audit"),
+    "method.subset_px": ("cameras", "tracks", "audit"),
+    "method.network": ("audit",),
+    "method.sfm": ("audit",),
+}
+
+
+@pytest.fixture
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
+    """A session in which every table is there, and files of a few bytes; nothing is decoded or solved."""
+    monkeypatch.setattr("vfm_sdm.measurement.open_views", lambda session: {})
+    monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", solution_of)
+    monkeypatch.setattr(Measurement, "part_of", lambda self, kind: {})
+    monkeypatch.setattr(Measurement, "part", lambda self, kind: None)
+    (tmp_path / "left").mkdir()
+    for name in ("left/000.png", "left/001.png", "right.mp4", "rig.toml", "board.png", "corners.csv", "other.toml"):
+        (tmp_path / name).write_bytes(name.encode() * 8)
+    level = {"pitch_deg": 0.0, "roll_deg": 0.0, "std_deg": 0.1}
+    return Session(
+        name="bridge",
+        folder=tmp_path,
+        view=[
+            {"name": "left", "images": "left/*.png", "fps": 30.0, "lens": {"focal_px": 900.0}, "camera": "rig.toml"},
+            {"name": "right", "video": "right.mp4", "time_offset_s": 0.1, "time_offset_std_s": 0.01, "level": level},
+        ],
+        site={
+            "baseline": {"value": 4.0, "std": 0.01},
+            "perpendicular_distance": {"value": 9.0, "std": 0.02},
+            "longitudinal_distance": {"value": 5.0, "std": 0.02},
+            "range": [{"point": "mid", "value": 11.0, "std": 0.01}],
+            "length": [{"points": ["mid", "end"], "value": 2.0, "std": 0.01}],
+        },
+        point=[
+            {"name": "mid", "view": "left", "pixel": [100.0, 80.0], "pixel_in": {"right": [90.0, 80.0]}},
+            {"name": "end", "view": "left", "pixel": [200.0, 80.0], "static": True},
+        ],
+        sensor=[{"name": "acc", "file": "corners.csv", "point": "mid", "columns": {"time": "t"}, "units": "g"}],
+        chessboard={"pattern": [7, 5], "square_mm": 30.0, "images": {"left": "board.png"}},
+        method={"still_interval_s": [0.0, 1.0]},
+    )
+
+
+def solution_of(session: Session, *_: Any, **__: Any) -> CameraSolution:
+    """Points where the session names them, and nothing of the cameras."""
+    return CameraSolution(None, None, None, named_points(session, sorted({point.view for point in session.point})))
+
+
+def leaves(model: BaseModel, prefix: str = "") -> list[str]:
+    """Dotted names of all fields that hold no table of fields; of a list of tables, those of any of them."""
+    found: dict[str, None] = {}
+    for name in type(model).model_fields:
+        value = getattr(model, name)
+        tables = [one for one in (value if isinstance(value, tuple) else (value,)) if isinstance(one, BaseModel)]
+        for one in tables:
+            found |= dict.fromkeys(leaves(one, f"{prefix}{name}."))
+        if not tables and (prefix or name != "folder"):
+            found[f"{prefix}{name}"] = None
+    # A table that is missing in one view and there in another is no leaf.
+    return [leaf for leaf in found if not any(one.startswith(f"{leaf}.") for one in found)]
+
+
+def changed(model: Any, path: str) -> Any:
+    """The model with another value in one field, valid or not: keys do not ask."""
+    name, _, rest = path.partition(".")
+    value = getattr(model, name)
+    if rest and isinstance(value, tuple):
+        # Of a list of tables, one in which the field is, best one in which it says something.
+        place = max(range(len(value)), key=lambda n: (leads(value[n], rest), says(value[n], rest)))
+        new: Any = tuple(changed(one, rest) if n == place else one for n, one in enumerate(value))
+    elif rest:
+        new = changed(value, rest)
+    else:
+        new = other(name, value)
+    return model.model_copy(update={name: new})
+
+
+def leads(model: Any, path: str) -> bool:
+    """Whether all tables on the way to a field are there."""
+    name, _, rest = path.partition(".")
+    return model is not None and (not rest or leads(getattr(model, name), rest))
+
+
+def says(model: Any, path: str) -> bool:
+    """Whether a field holds something."""
+    for name in path.split("."):
+        model = getattr(model, name, None)
+    return bool(model)
+
+
+def other(name: str, value: Any) -> Any:
+    """Another value of a field."""
+    special = {"tracker": "template", "cameras": "file", "correspondence": "vggt", "video": Path("rig.toml")}
+    special |= {"images": "left/*0.png", "camera": Path("other.toml"), "corners": Path("corners.csv"), "view": "right"}
+    special |= {"start": datetime(2026, 11, 20, tzinfo=UTC), "range": (), "length": ()}
+    if name in special and not isinstance(value, dict):
+        return special[name]
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    if isinstance(value, str):
+        return f"{value}x"
+    if isinstance(value, Path):
+        return value.with_name("other.toml")
+    if isinstance(value, dict):
+        return {"left": "board*.png"} if name == "images" else {}
+    if isinstance(value, tuple):
+        return tuple(v + 1 if isinstance(v, int | float) else f"{v}x" for v in value)
+    return {"weights": "mine", "matcher": "lightglue", "model": "folder"}.get(name, 7.0) if value is None else value
+
+
+def expected(field: str) -> set[str]:
+    """Products whose keys change with a field: those that read it, and those made of them."""
+    name = max((known for known in READERS if f"{field}.".startswith(f"{known}.")), key=len, default=None)
+    assert name is not None, f"{field}: a new field; say in READERS who reads it"
+    found = {*READERS[name], "summary"}
+    for product in Measurement.products():
+        needs = set(Measurement.product(product).needs)
+        # Points are told by their pixels, so that other cameras alone do not change them.
+        if needs & found and product != "points":
+            found.add(product)
+    return found
+
+
+def keys(measurement: Measurement) -> dict[str, str]:
+    return {name: measurement.key(name) for name in measurement.products()}
+
+
+def wrong_keys(kind: type[Measurement], session: Session) -> list[str]:
+    """Fields whose change does not change the keys of exactly the products that depend on it."""
+    before, wrong = keys(kind(session)), []
+    for field in leaves(session):
+        after = keys(kind(changed(session, field)))
+        found = {name for name in before if before[name] != after[name]}
+        if found != expected(field):
+            wrong.append(f"{field}: {sorted(found ^ expected(field))}")
+    return wrong
+
+
+def test_every_field_changes_the_keys_of_what_depends_on_it_and_of_nothing_else(session):
+    assert len(list(leaves(session))) > 60
+    assert wrong_keys(Measurement, session) == []
+
+
+@pytest.mark.parametrize(
+    ("product", "forgotten", "noticed"),
+    [
+        ("cameras", "view.lens", "view.lens.focal_px"),
+        ("aligned", "view.time_offset_s", "view.time_offset_s"),
+        ("refinement", "method.sgr", "method.sgr.longitudinal"),
+    ],
+)
+def test_a_dependency_that_is_left_out_is_noticed(session, product, forgotten, noticed):
+    def without(one: Product) -> Product:
+        lacking = Product.__new__(Product)
+        lacking.__dict__.update(one.__dict__, reads=tuple(read for read in one.reads if read != forgotten))
+        return lacking
+
+    members = {name: Measurement.product(name) for name in Measurement.products()}
+    forgetful = type("Forgetful", (Measurement,), members | {product: without(members[product])})
+    assert any(line.startswith(noticed) for line in wrong_keys(forgetful, session))
+
+
+@pytest.mark.parametrize(
+    ("kind", "word"), [("trackers", "tracker"), ("cameras", "cameras"), ("matchers", "correspondence")]
+)
+def test_settings_of_a_back_end_count_where_it_is_chosen(session, kind, word):
+    product = {"trackers": "tracks"}.get(kind, "cameras")
+    for name in BUILT_IN[kind]:
+        method = session.method.model_copy(update={word: name})
+        chosen = session.model_copy(update={"method": method})
+        read = {f"method.{field}" for field in settings_read(kind, method)} | set(Measurement.product(product).reads)
+        before = Measurement(chosen).key(product)
+        for field in (leaf for leaf in leaves(chosen) if leaf.startswith("method.") and leaf != f"method.{word}"):
+            if field in {"method.cameras", "method.correspondence", "method.sfm.features"}:
+                continue  # these choose other back ends
+            counts = any(f"{field}.".startswith(f"{one}.") for one in read)
+            differs = Measurement(changed(chosen, field)).key(product) != before
+            assert differs == counts or (product == "cameras" and differs), (name, field)
+
+
+def test_features_of_structure_from_motion_are_in_the_key_of_the_cameras(session):
+    """SIFT's cameras were reused where SuperPoint's had been asked for."""
+    sfm = session.model_copy(update={"method": session.method.model_copy(update={"cameras": "sfm"})})
+    features = sfm.method.sfm.model_copy(update={"features": "superpoint"})
+    learned = sfm.model_copy(update={"method": sfm.method.model_copy(update={"sfm": features})})
+    assert Measurement(sfm).key("cameras") != Measurement(learned).key("cameras")
+    matcher = features.model_copy(update={"matcher": "lightglue"})
+    other_matcher = sfm.model_copy(update={"method": sfm.method.model_copy(update={"sfm": matcher})})
+    assert Measurement(other_matcher).key("cameras") != Measurement(learned).key("cameras")
+
+
+FILES = {
+    "left/001.png": {"recordings", "frames", "cameras", "tracks"},
+    "right.mp4": {"recordings", "frames", "cameras", "tracks"},
+    "rig.toml": {"cameras"},
+    "board.png": {"cameras"},
+}
+
+
+@pytest.mark.parametrize("file", FILES)
+@pytest.mark.parametrize("whole_files", [False, True])
+def test_a_byte_of_an_input_file_changes_what_was_made_of_it(session, file, whole_files):
+    def found() -> dict[str, str]:
+        return keys(Measurement(session, whole_files=whole_files))
+
+    before = found()
+    path = session.folder / file
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(bytes(content))
+    after = found()
+    different = {name for name in before if before[name] != after[name]}
+    assert FILES[file] <= different
+    assert "points" not in different
+    assert ("tracks" in different) == ("tracks" in FILES[file])
+
+
+def test_a_file_that_is_not_read_changes_nothing(session):
+    before = keys(Measurement(session))
+    for unread in ("corners.csv", "other.toml"):
+        (session.folder / unread).write_bytes(b"something else")
+    assert keys(Measurement(session)) == before
+
+
+def test_the_code_of_a_stage_is_in_the_keys_of_what_it_makes(session, monkeypatch):
+    before = keys(Measurement(session))
+    from vfm_sdm.core import code
+
+    text = code._text
+    edited: Callable[[str], str] = lambda m: text(m) + ("# edited" if m.endswith("synchronize.lag") else "")  # noqa: E731
+    monkeypatch.setattr(code, "_text", edited)
+    code.code_hash.cache_clear()
+    after = keys(Measurement(session))
+    code.code_hash.cache_clear()
+    different = {name for name in before if before[name] != after[name]}
+    assert {"aligned", "displacement", "audit"} <= different
+    assert not {"recordings", "cameras", "points", "tracks", "steady"} & different
