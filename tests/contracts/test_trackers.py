@@ -150,12 +150,12 @@ def test_progress_counts_every_frame(tracker, clip):
 
 
 def test_names_and_points_must_agree(tracker, clip):
-    with pytest.raises(DatasetError, match="expected"):
+    with pytest.raises(DatasetError, match="expected one distinct name a point, got 3 points and names"):
         track(tracker, clip, names=("a", "b"))
 
 
 def test_points_outside_the_image_are_refused(tracker, clip):
-    with pytest.raises(DatasetError, match="expected"):
+    with pytest.raises(DatasetError, match=r"inside 260 x 220, got a at \[500.0, 20.0\]"):
         track(tracker, clip, np.array([[500.0, 20.0]]), names=("a",))
 
 

@@ -21,7 +21,7 @@ from rich.progress import (
 from rich.prompt import Confirm
 
 from vfm_sdm import __version__
-from vfm_sdm.analysis.evaluation import evaluate_run, read_sensors, write_evaluation, write_reference
+from vfm_sdm.analysis.evaluation import ReferenceClock, evaluate_run, read_sensors, write_evaluation, write_reference
 from vfm_sdm.commands import tables as reports
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
@@ -206,9 +206,7 @@ def evaluate(
         pairs=_named(pair, "--pair") or None,
         axes=axis,
         band_hz=band,
-        synchronize=synchronize,
-        search_s=search,
-        start_lag_s=start_lag,
+        clock=ReferenceClock(search, start_lag, synchronize=synchronize),
     )
     _out.print(reports.evaluation_table(result))
     for note in result.notes:

@@ -13,7 +13,7 @@ from vfm_sdm.networks.tapir.config import Resolution, TapirConfig
 from vfm_sdm.networks.tapir.features import FeatureGrids, frame_chunks, scale_between
 from vfm_sdm.networks.tapir.initialization import CostVolumeHeads, initialize
 from vfm_sdm.networks.tapir.mixer import EXPANSION, PAST_FRAMES, MixerState, TemporalMixer
-from vfm_sdm.networks.tapir.refinement import refine
+from vfm_sdm.networks.tapir.refinement import Refiner
 from vfm_sdm.networks.tapir.results import (
     CausalState,
     Estimate,
@@ -269,9 +269,8 @@ class Tapir(nn.Module):
     ) -> tuple[list[Estimate], list[MixerState]]:
         """All refinements at one resolution, from the latest position and the first estimates of the logits."""
         start = Estimate(earlier[-1].position, earlier[0].occlusion, earlier[0].expected_dist)
-        return refine(
-            self.torch_pips_mixer, grids, points, start, config=self.config, past=past, frame_chunk=frame_chunk
-        )
+        refiner = Refiner(self.torch_pips_mixer, self.config)
+        return refiner.refine(grids, points, start, past=past, frame_chunk=frame_chunk)
 
     def _state_shapes(self, n_points: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Shapes of both parts of a mixer state; a network that is not causal has none."""

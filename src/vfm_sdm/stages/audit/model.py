@@ -7,14 +7,14 @@ from typing import Any, Generic, TypeVar, cast
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray, mean_of_known
+from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray, mean_of_known
 from vfm_sdm.core.statuses import Outcome, Verdict
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
-__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "judge"]
+__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "Limits", "judge"]
 
 T = TypeVar("T")
 
@@ -178,11 +178,18 @@ class AuditInputs:
 
     @property
     def static(self) -> list[str]:
-        """Names of the points that must not move, as far as they were tracked in every view."""
-        named = [p.name for p in self.session.point if p.static]
-        found = np.isfinite(self.aligned["position"].values).all(axis=-1).all(axis=0).mean(axis=0) > 0.5
-        seen = [str(name) for name, ok in zip(self.aligned["point"].values, found, strict=True) if ok]
-        return [name for name in named if name in seen]
+        """Names of the points that must not move, as far as two views or more tracked them."""
+        return self._static_in(np.isfinite(self.aligned["position"].values).all(axis=-1).sum(axis=0) >= 2)
+
+    def static_in(self, view: str) -> list[str]:
+        """Names of those of `static` that a view tracked itself."""
+        found = self._static_in(np.isfinite(self.aligned["position"].sel(view=view).values).all(axis=-1))
+        return [name for name in self.static if name in found]
+
+    def _static_in(self, found: BoolArray) -> list[str]:
+        """Names of the static points that are found in most samples, from shape (T, P)."""
+        often = dict(zip(self.aligned["point"].values.tolist(), found.mean(axis=0) > 0.5, strict=True))
+        return [p.name for p in self.session.point if p.static and often[p.name]]
 
     def motion_px(self, view: str) -> FloatArray:
         """Root mean square motion of the structure's P points in a view, without the stated noise, shape (P,) [px].
@@ -204,9 +211,24 @@ class AuditInputs:
         return np.asarray(np.sqrt(np.maximum(variance - mean_of_known(noise), 0.0)))
 
 
-def judge(
-    name: str, found: Mapping[str, float], *, caution: float, fail: float, units: str, good: str, bad: str
-) -> AuditCheck:
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a check.
+
+    Parameters
+    ----------
+    caution, fail
+        Values from which on the check is a caution, and from which on it fails.
+    units
+        Units of the values and limits, such as ``px`` or ``s``.
+    """
+
+    caution: float
+    fail: float
+    units: str
+
+
+def judge(name: str, found: Mapping[str, float], limits: Limits, *, good: str, bad: str) -> AuditCheck:
     """A check of values that should be small, by the largest of them.
 
     Parameters
@@ -215,24 +237,22 @@ def judge(
         Name of the check.
     found
         Values by what they belong to; those that are NaN do not count. Without any the check is not possible.
-    caution, fail
-        Limits from which on the check is a caution, and from which on it fails.
-    units
-        Units of the values and limits, such as ``px`` or ``s``.
+    limits
+        From which values on the check is a caution, and from which on it fails.
     good, bad
         Sentence for a check that passed, and for one that did not, with ``{}`` for what has the largest value.
 
     Examples
     --------
-    >>> limits = {"caution": 0.1, "fail": 0.5, "units": "px"}
-    >>> check = judge("drift", {"left": 0.02, "right": 0.2}, **limits, good="still", bad="view {} drifts")
+    >>> found = {"left": 0.02, "right": 0.2}
+    >>> check = judge("drift", found, Limits(caution=0.1, fail=0.5, units="px"), good="still", bad="view {} drifts")
     >>> str(check.outcome), check.where, round(check.share_of_limit, 3), check.sentence
     ('caution', 'right', 2.0, 'view right drifts')
     """
     known = {where: value for where, value in found.items() if np.isfinite(value)}
     if not known:
-        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), caution, units, "nothing to look at")
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), limits.caution, limits.units, "nothing to look at")
     where, value = max(known.items(), key=lambda pair: pair[1])
-    outcome = Outcome.FAIL if value >= fail else Outcome.CAUTION if value >= caution else Outcome.PASS
+    outcome = Outcome.FAIL if value >= limits.fail else Outcome.CAUTION if value >= limits.caution else Outcome.PASS
     sentence = good if outcome == Outcome.PASS else bad.replace("{}", where)
-    return AuditCheck(name, outcome, float(value), caution, units, sentence, where)
+    return AuditCheck(name, outcome, float(value), limits.caution, limits.units, sentence, where)

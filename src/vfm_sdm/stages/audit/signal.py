@@ -8,7 +8,7 @@ from scipy.ndimage import shift as shift_image
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import Outcome, RecordingStatus, RefinementStatus
-from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
 from vfm_sdm.stages.registration.subsets import register_subset
 
@@ -79,9 +79,7 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
     return judge(
         _GAIN,
         found,
-        caution=_GAIN_CAUTION,
-        fail=_GAIN_FAIL,
-        units="1",
+        Limits(_GAIN_CAUTION, _GAIN_FAIL, "1"),
         good="known shifts of parts of a pixel come out at their full size",
         bad="known shifts come out wrong at {}: too little texture for the noise; use a larger subset",
     )
@@ -103,9 +101,7 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
     return judge(
         name,
         share,
-        caution=_DROPPED_CAUTION,
-        fail=_DROPPED_FAIL,
-        units="1",
+        Limits(_DROPPED_CAUTION, _DROPPED_FAIL, "1"),
         good="no frame is missing or repeated",
         bad="the recording of '{}' lacks frames or repeats them",
     )

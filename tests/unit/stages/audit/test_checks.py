@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement, make_points, make_tracks
+from vfm_sdm.core.datasets import (
+    STRUCTURE_AXES,
+    DisplacementArrays,
+    Status,
+    make_displacement,
+    make_points,
+    make_tracks,
+)
 from vfm_sdm.core.statuses import CameraStatus, ClockStatus, Outcome, RecordingStatus, RefinementStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
@@ -47,12 +54,14 @@ def displacement(mid_mm=(1.0, 4.0, 0.0), wall_mm=(0.0, 0.0, 0.0), *, std_mm=0.01
         TIME_S,
         ["mid", "wall"],
         STRUCTURE_AXES,
-        displacement_mm=values + rng.normal(0, std_mm, shape),
-        displacement_std_mm=np.full(shape, std_mm),
-        scale_std=np.zeros((2, 3)),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int) if status is None else status,
+        DisplacementArrays(
+            displacement_mm=values + rng.normal(0, std_mm, shape),
+            displacement_std_mm=np.full(shape, std_mm),
+            scale_std=np.zeros((2, 3)),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int) if status is None else status,
+        ),
         attrs={"frame": "structure"},
     )
 
