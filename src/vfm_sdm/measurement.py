@@ -130,6 +130,7 @@ class Measurement(Chain[Session]):
     )
     def cameras(self, session: Session) -> CameraSolution:
         """Cameras, structural axes, and the points' pixels that helped to adjust them to the site."""
+        self._say("cameras")
         return solve_cameras(session, self.frames, self.part("cameras"), matcher=self.part("matchers"))
 
     @product(

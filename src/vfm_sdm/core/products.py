@@ -272,7 +272,8 @@ class Chain(Generic[S]):
     @classmethod
     def products(cls) -> tuple[str, ...]:
         """Names of all products in the order in which they are written."""
-        return tuple(name for name, one in vars(cls).items() if isinstance(one, Product))
+        members = (item for base in reversed(cls.__mro__) for item in vars(base).items())
+        return tuple(dict.fromkeys(name for name, one in members if isinstance(one, Product)))
 
     def _fetch(self, wanted: Product[T]) -> T:
         path = None if self.folder is None or wanted.kept is None else self.folder / wanted.kept.file
