@@ -207,12 +207,12 @@ class SubsetBank:
         executor: Executor | None,
     ) -> RawRegistration:
         """A kernel's work on registrations, in as many threads as are worth it."""
-        plane, width = _find_plane(current)
+        picture = _find_plane(current)
         warps = np.where(self.usable[rows][:, None], warps, np.nan)
         outcome = np.full((len(rows), 5), np.nan)
 
         def share(bounds: tuple[int, int]) -> None:
-            kernel(plane, width, self.prepared[:4], rows, warps, outcome, settings, *bounds)
+            kernel(picture, self.prepared[:4], (rows, warps, outcome), settings, bounds)
 
         parts = min(os.cpu_count() or 1, len(rows) // _SHARE) if executor is not None else 1
         if executor is None or parts < 2:
