@@ -10,7 +10,7 @@ from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import Outcome, RecordingStatus, RefinementStatus
 from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
-from vfm_sdm.stages.registration.subsets import register_subset
+from vfm_sdm.stages.registration.subsets import Starts, register_subset
 
 __all__ = ["check_gain", "check_recording", "check_refinement", "check_signal"]
 
@@ -162,7 +162,9 @@ def _measure_gain(image: LumaArray, place: tuple[float, float], subset_px: int) 
         moved = shift_image(grey, (dv, du), order=5, mode="reflect") + rng.normal(0, noise, grey.shape)
         # In 16 bit, so that rounding does not matter, whatever the recording has.
         as_filmed = np.clip(np.rint(_FINE * moved), 0, np.iinfo(np.uint16).max).astype(np.uint16)
-        result = register_subset(_FINE * patch.astype(np.uint16), as_filmed, center, center, subset_px=subset_px)
+        result = register_subset(
+            _FINE * patch.astype(np.uint16), as_filmed, center, Starts(center), subset_px=subset_px
+        )
         if result.converged[0]:
             injected.append((du, dv))
             found.append(result.position[0] - center[0])

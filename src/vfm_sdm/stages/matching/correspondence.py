@@ -4,29 +4,30 @@ The paper lets VGGT's tracking head carry the point from the first to the second
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray, as_float_array
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.stages.matching.pyramid import ImagePair
+from vfm_sdm.geometry.camera import Camera
+from vfm_sdm.stages.matching.pyramid import MIN_CORRELATION, Level, ViewPair, reduce_pair
 from vfm_sdm.stages.matching.starts import (
-    Starts,
-    Surface,
+    TILTS,
+    Hypotheses,
     find_depth_range,
-    join_starts,
+    join,
     keep_inside,
-    propose_by_depths,
-    propose_by_matches,
+    starts_from_depths,
+    starts_from_matches,
 )
 from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, has_rival
-from vfm_sdm.stages.registration.subsets import Registration, register_subset
+from vfm_sdm.stages.registration.records import Registration, Starts
+from vfm_sdm.stages.registration.subsets import register_subset
 
-__all__ = ["Correspondence", "find_correspondences"]
+__all__ = ["Correspondence", "Surface", "find_correspondences"]
 
-_MIN_CORRELATION = 0.7
 _DISTINCT_PX = 3.0
 _RETURN_PX = 0.5
 _LEAST_BACK_PX = 13
@@ -35,8 +36,7 @@ _NEAR_GIVEN = 9
 _FIRST_ITERATIONS, _LAST_ITERATIONS = 8, 40
 _KEPT_STARTS = 24
 """Places that are carried on after the first iterations: those that resemble the point most."""
-_TILTS = np.array([[np.sin(t), 0.0, np.cos(t)] for t in np.radians([0.0, -50.0, 50.0, -70.0, 70.0])])
-"""Normals of the small planes that are tried, in the first camera's frame: turned about its vertical."""
+_SURFACE_STD = 3.0
 _SURFACE_CORRELATION = 0.8
 _WELL_SMALLER = 0.8
 """A square confirms another if its side is at most this share of the other's."""
@@ -48,8 +48,7 @@ _SURE_CORRELATION, _COARSE_RETURN_PX = 0.9, 1.5
 _REDUCTIONS = (2, 4)
 """Further reductions of both images where a point is not found: in a small picture a sharp view resembles one that is
 out of focus."""
-_WANDER_PX = 1.5
-"""How far, in pixels of the reduced images, the place found there may be off."""
+
 
 _Outcome = tuple[Registration | None, str, float]
 
@@ -79,8 +78,39 @@ class Correspondence:
     status: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A plane that points lie on: ``normal . X = distance`` in the rig's world frame.
+
+    Parameters
+    ----------
+    normal
+        Unit vector, shape (3,).
+    distance
+        From the origin, in the rig's unit of length.
+    std
+        Standard deviation of how far points lie off it, same unit.
+    """
+
+    normal: FloatArray
+    distance: float
+    std: float
+
+    def depths(self, ray: FloatArray, camera: Camera) -> tuple[float, float]:
+        """Nearest and farthest depth in a camera at which a ray (3,) meets it, three standard deviations each way."""
+        inwards, offset = self.in_camera(camera)
+        reach = np.array([-_SURFACE_STD, _SURFACE_STD]) * self.std
+        near, far = sorted((offset + reach) / (inwards @ ray))
+        return float(near), float(far)
+
+    def in_camera(self, camera: Camera) -> tuple[FloatArray, float]:
+        """Normal and distance in a camera's frame."""
+        inwards = camera.rotation @ self.normal
+        return inwards, float(self.distance + inwards @ camera.translation)
+
+
 def find_correspondences(
-    pair: ImagePair,
+    views: ViewPair,
     points2d: FloatArray,
     *,
     subset_px: int = 41,
@@ -91,14 +121,14 @@ def find_correspondences(
 
     Parameters
     ----------
-    pair
-        First frames of the two views at full size, approximate cameras and feature matches.
+    views
+        The two views.
     points2d
-        Shape (P, 2) [px] in the first view of the pair.
+        Shape (P, 2) [px] in the first view.
     subset_px
         Side of the compared square [px].
     given
-        Positions that a user named in the second view, shape (2,) each [px], by index of the point; tried first.
+        Positions that a user named in the second view, by index of the point; tried first.
     surface
         Where the points are known to lie, such as the structure's face; only places on it are tried then.
 
@@ -114,12 +144,13 @@ def find_correspondences(
     warp, so convergence at 30 degrees is a matter of the start. The best correlation wins if no distinct place comes
     close to it, and if registration from there back to the first image returns to the named point. Where the result is
     poor, smaller squares are tried, and the one that fits best is taken. The search is made in images reduced so far
-    that the square has about 41 px, further reduced where the point is not found; the last step is at full size. The
-    affine warp leaves out the second order of the perspective: the place found is off by up to about
+    that the square has about 41 px, further reduced where the point is not found; the last step is at full size.
+
+    The affine warp leaves out the second order of the perspective: the place found is off by up to about
     ``tan(angle) h^2 / (6 f)`` px for a subset of half width h, a constant that cancels in displacement.
     """
     points = as_float_array(points2d, "points2d", (None, 2))
-    height, width = pair.images[0].shape
+    height, width = views.images[0].shape
     if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
         raise DatasetError(
             f"points2d: expected pixels inside {width} x {height}, got {points.tolist()}; check the view"
@@ -127,14 +158,14 @@ def find_correspondences(
     least = max(1, round(subset_px / _SIZES_PX[0]))
     results: list[_Outcome] = [(None, PointStatus.NOT_FOUND, float("nan"))] * len(points)
     if surface is not None:
-        levels = [pair.reduce(factor) for factor in range(least, 0, -1)]
-        results = [_find_on_surface(pair.images, levels, point, surface, subset_px) for point in points]
+        levels = [reduce_pair(views, factor) for factor in range(least, 0, -1)]
+        results = [_find_on_surface(levels, point, surface, subset_px) for point in points]
         return _collected(results)
     for factor in dict.fromkeys((least, max(1, least - 1), *(least * more for more in _REDUCTIONS))):
-        level = pair.reduce(factor)
+        level = reduce_pair(views, factor)
         for index, point in enumerate(points):
             if results[index][1] in (PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED):
-                found = _find_one(pair.images, level, point, subset_px=subset_px, given=(given or {}).get(index))
+                found = _find_one(level, point, subset_px=subset_px, given=(given or {}).get(index))
                 if found[1] == PointStatus.OK or results[index][0] is None:
                     results[index] = found
     return _collected(results)
@@ -154,29 +185,22 @@ def _collected(results: list[_Outcome]) -> Correspondence:
     return Correspondence(position, covariance, correlation, return_error, status)
 
 
-def _find_one(
-    images: tuple[LumaArray, LumaArray],
-    level: ImagePair,
-    point: FloatArray,
-    *,
-    subset_px: int,
-    given: FloatArray | None,
-) -> _Outcome:
+def _find_one(level: Level, point: FloatArray, *, subset_px: int, given: FloatArray | None) -> _Outcome:
     """Best registration of one point, its status, and the distance that the way back misses by."""
-    place = level.from_full(point)
-    depths = find_depth_range(level.rig, level.matches)
-    starts = join_starts(
-        propose_by_matches(place, level.matches), propose_by_depths(place, *level.cameras, depths, _TILTS)
+    place = level.reduced(point)
+    depths = find_depth_range(level.pair.rig, level.pair.matches)
+    hypotheses = join(
+        starts_from_matches(place, level.pair.matches), starts_from_depths(place, *level.pair.cameras, depths, TILTS)
     )
-    named = None if given is None else level.from_full(given)
+    named = None if given is None else level.reduced(given)
     if named is not None:
         # A position named by hand says where; the map of offsets is that of the places tried next to it.
-        nearest = np.argsort(np.linalg.norm(starts.position - named, axis=1))[:_NEAR_GIVEN]
-        starts = Starts(np.tile(named, (nearest.size, 1)), starts.affine[nearest])
+        nearest = np.argsort(np.linalg.norm(hypotheses.position - named, axis=1))[:_NEAR_GIVEN]
+        hypotheses = Hypotheses(np.tile(named, (nearest.size, 1)), hypotheses.affine[nearest])
     outcomes: list[_Outcome] = []
     whole = subset_px if level.factor == 1 else _SIZES_PX[0]
     for size in (whole, *(px for px in _SIZES_PX if px < whole)):
-        found = _at_full_size(images, level, point, _register(level.images, place, starts, size, named), size)
+        found = _at_full_size(level, point, _register(level.pair.images, place, hypotheses, size, named), size)
         outcomes.append(found)
         if found[1] == PointStatus.OK and _correlation(found) >= _CLEAR_CORRELATION:
             break
@@ -184,9 +208,7 @@ def _find_one(
     return max(_agreeing(good), key=_correlation) if good else outcomes[0]
 
 
-def _find_on_surface(
-    images: tuple[LumaArray, LumaArray], levels: list[ImagePair], point: FloatArray, surface: Surface, subset_px: int
-) -> _Outcome:
+def _find_on_surface(levels: list[Level], point: FloatArray, surface: Surface, subset_px: int) -> _Outcome:
     """Registration of one point on a surface: the most certain of those that a well smaller square confirms.
 
     Where one view is dark or out of focus and seen at a sharp angle, the few pixels of the way back do not suffice.
@@ -194,14 +216,15 @@ def _find_on_surface(
     """
     seen: list[tuple[int, Registration]] = []
     for level in levels:
-        place = level.from_full(point)
-        ray = np.append(level.cameras[0].normalize(place), 1.0)
-        normal = surface.in_camera(level.cameras[0])[0]
-        starts = propose_by_depths(place, *level.cameras, surface.depths(ray, level.cameras[0]), normal[None])
+        place = level.reduced(point)
+        cameras = level.pair.cameras
+        ray = np.append(cameras[0].normalize(place), 1.0)
+        normal = surface.in_camera(cameras[0])[0]
+        hypotheses = starts_from_depths(place, *cameras, surface.depths(ray, cameras[0]), normal[None])
         for size in (px for px in _SIZES_PX if px * level.factor <= subset_px + level.factor):
-            found, state, _ = _register(level.images, place, starts, size, None)
+            found, state, _ = _register(level.pair.images, place, hypotheses, size, None)
             if found is not None and state != PointStatus.AMBIGUOUS and found.correlation[0] >= _SURFACE_CORRELATION:
-                seen.append((size * level.factor, _carried_on(images, level, point, found, size)[0]))
+                seen.append((size * level.factor, level.carry_on(point, found, size)[0]))
     confirmed: list[_Outcome] = []
     for side, one in seen:
         smaller = [other.position[0] for other_side, other in seen if other_side <= _WELL_SMALLER * side]
@@ -225,54 +248,37 @@ def _correlation(outcome: _Outcome) -> float:
     return -1.0 if outcome[0] is None else float(outcome[0].correlation[0])
 
 
-def _at_full_size(
-    images: tuple[LumaArray, LumaArray], level: ImagePair, point: FloatArray, found: _Outcome, size: int
-) -> _Outcome:
+def _at_full_size(level: Level, point: FloatArray, found: _Outcome, size: int) -> _Outcome:
     """The registration of the reduced images carried on in the images themselves, where that agrees with it."""
     registration, status, miss = found
     if level.factor == 1 or registration is None:
         return found
-    carried, agreed = _carried_on(images, level, point, registration, size)
+    carried, agreed = level.carry_on(point, registration, size)
     # Where one view is out of focus, the sharp one does not resemble it at full size. A place that only the reduced
     # images show stands if they leave little doubt: it must return to less than a few pixels, and resemble it well.
     sure = registration.correlation[0] >= _SURE_CORRELATION and level.factor * miss <= _COARSE_RETURN_PX
     return carried, status if agreed or sure or status != PointStatus.OK else PointStatus.NOT_FOUND, level.factor * miss
 
 
-def _carried_on(
-    images: tuple[LumaArray, LumaArray], level: ImagePair, point: FloatArray, registration: Registration, size: int
-) -> tuple[Registration, bool]:
-    """A registration of reduced images in pixels of the images themselves, and whether these agree with it."""
-    if level.factor == 1:
-        return registration, True
-    start = level.to_full(registration.position)
-    odd = size * level.factor // 2 * 2 + 1
-    fine = register_subset(images[0], images[1], point[None], start, registration.affine, subset_px=odd)
-    near = np.linalg.norm(fine.position[0] - start[0]) <= _WANDER_PX * level.factor
-    if bool(fine.converged[0]) and fine.correlation[0] >= _MIN_CORRELATION and near:
-        return fine, True
-    return replace(registration, position=start, covariance=level.factor**2 * registration.covariance), False
-
-
 def _register(
     images: tuple[LumaArray, LumaArray],
     point: FloatArray,
-    starts: Starts,
+    hypotheses: Hypotheses,
     subset_px: int,
     named: FloatArray | None,
 ) -> _Outcome:
     """As `_find_one`, in the images of a level and with squares of one size."""
-    starts = keep_inside(starts, images[1], subset_px)
-    if not len(starts.position):
+    hypotheses = keep_inside(hypotheses, images[1], subset_px)
+    if not len(hypotheses.position):
         return None, PointStatus.NOT_FOUND, float("nan")
-    tried = _best_starts(images, point, starts, subset_px)
+    tried = _best_starts(images, point, hypotheses, subset_px)
     correlation = np.where(np.isfinite(tried.position).all(axis=1) & tried.converged, tried.correlation, -1.0)
     best = int(np.argmax(correlation))
     if named is not None:
         # Of places that look alike, the one next to where the user points.
         alike = np.flatnonzero(correlation > correlation[best] - AMBIGUITY_MARGIN)
         best = int(alike[np.argmin(np.linalg.norm(tried.position[alike] - named, axis=1))])
-    if correlation[best] < _MIN_CORRELATION:
+    if correlation[best] < MIN_CORRELATION:
         return None, PointStatus.NOT_FOUND, float("nan")
     chosen = _take(tried, best)
     if has_rival(correlation, tried.position, best, distinct_px=_DISTINCT_PX):
@@ -281,27 +287,25 @@ def _register(
     shrunk = np.linalg.svd(chosen.affine[0], compute_uv=False)[-1] * subset_px
     size = int(np.clip(shrunk // 2 * 2 + 1, _LEAST_BACK_PX, subset_px))
     back = register_subset(
-        images[1], images[0], chosen.position, point[None], np.linalg.inv(chosen.affine), subset_px=size
+        images[1], images[0], chosen.position, Starts(point[None], np.linalg.inv(chosen.affine)), subset_px=size
     )
     miss = float(np.linalg.norm(back.position[0] - point))
     return chosen, PointStatus.OK if back.converged[0] and miss <= _RETURN_PX else PointStatus.NOT_RETURNED, miss
 
 
 def _best_starts(
-    images: tuple[LumaArray, LumaArray], point: FloatArray, starts: Starts, subset_px: int
+    images: tuple[LumaArray, LumaArray], point: FloatArray, hypotheses: Hypotheses, subset_px: int
 ) -> Registration:
     """Registrations from the starts that resemble the point most after a few steps."""
 
-    def register(chosen: Starts, iterations: int) -> Registration:
+    def register(chosen: Hypotheses, iterations: int) -> Registration:
         places = np.broadcast_to(point, (len(chosen.position), 2))
-        return register_subset(
-            *images, places, chosen.position, chosen.affine, subset_px=subset_px, max_iterations=iterations
-        )
+        return register_subset(*images, places, chosen, subset_px=subset_px, max_iterations=iterations)
 
-    resemblance = np.nan_to_num(register(starts, _FIRST_ITERATIONS).correlation, nan=-1.0)
+    resemblance = np.nan_to_num(register(hypotheses, _FIRST_ITERATIONS).correlation, nan=-1.0)
     kept = np.argsort(-resemblance, kind="stable")[:_KEPT_STARTS]
     # On soft or noisy textures the steps are short, and the first ones do not end.
-    return register(Starts(starts.position[kept], starts.affine[kept]), _LAST_ITERATIONS)
+    return register(Hypotheses(hypotheses.position[kept], hypotheses.affine[kept]), _LAST_ITERATIONS)
 
 
 def _take(registration: Registration, index: int) -> Registration:

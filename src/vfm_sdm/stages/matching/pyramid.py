@@ -1,4 +1,4 @@
-"""Two images at full size or reduced, with the cameras and the matches that go with them."""
+"""Two views of a scene, and the same reduced by whole numbers: for points that the full images do not show."""
 
 from dataclasses import dataclass, replace
 
@@ -8,71 +8,104 @@ from scipy.ndimage import gaussian_filter
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.registration.records import Registration, Starts
+from vfm_sdm.stages.registration.subsets import register_subset
 
-__all__ = ["ImagePair"]
+__all__ = ["MIN_CORRELATION", "Level", "ViewPair", "reduce_pair"]
 
+MIN_CORRELATION = 0.7
+"""Below this correlation two subsets do not show the same [1]."""
+_WANDER_PX = 1.5
+"""How far, in pixels of the reduced images, the place found there may be off."""
 _SOFTENING_PX = 1.0
 _GREY_LEVELS = 64
 """Grey levels of a reduced image in one of the original: rounding must not matter."""
 
 
 @dataclass(frozen=True, eq=False)
-class ImagePair:
-    """First frames of two views, as they are or reduced by a whole number.
+class ViewPair:
+    """Two views of a scene.
 
     Parameters
     ----------
     images
-        Frames of the views ``matches.first`` and ``matches.second``, shape (H, W) each, uint8 or uint16.
+        First frames of the views ``matches.first`` and ``matches.second``, shape (H, W) each.
     rig
-        Approximate cameras for images of this size; the scale of the rig does not matter.
+        Approximate cameras of all views; the scale does not matter.
     matches
-        Feature matches between the two views, in pixels of these images; may be empty.
-    factor
-        Pixels of the full images along the side of one of these [1].
+        Feature matches between the two views [px]; may be empty.
     """
 
     images: tuple[LumaArray, LumaArray]
     rig: Rig
     matches: Matches
-    factor: int = 1
 
     @property
     def cameras(self) -> tuple[Camera, Camera]:
-        """The cameras of the two views."""
+        """Cameras of the two views."""
         return self.rig.cameras[self.matches.first], self.rig.cameras[self.matches.second]
 
-    def reduce(self, factor: int) -> "ImagePair":
-        """The pair reduced by a whole number; itself for 1.
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Two views reduced by a whole number.
+
+    Parameters
+    ----------
+    factor
+        Pixels of the original, along an axis, in one of the reduced images.
+    pair
+        The reduced images, with cameras and matches to go with them.
+    original
+        The views at full size.
+    """
+
+    factor: int
+    pair: ViewPair
+    original: ViewPair
+
+    def reduced(self, points2d: FloatArray) -> FloatArray:
+        """Pixels of the original as pixels of the reduced images, shape (..., 2) [px]."""
+        return (points2d + 0.5) / self.factor - 0.5
+
+    def full(self, points2d: FloatArray) -> FloatArray:
+        """Pixels of the reduced images as pixels of the original, shape (..., 2) [px]."""
+        return (points2d + 0.5) * self.factor - 0.5
+
+    def carry_on(self, point: FloatArray, found: Registration, size: int) -> tuple[Registration, bool]:
+        """A registration of the reduced images in pixels of the original, and whether the original agrees with it.
 
         Parameters
         ----------
-        factor
-            Pixels of these images along the side of one of the reduced ones [1].
+        point
+            Place in the first view at full size, shape (2,) [px].
+        found
+            The registration of one point in the reduced images.
+        size
+            Side of the subset there [px].
         """
-        if factor == 1:
-            return self
-        cameras = tuple(_reduce_camera(camera, factor) for camera in self.rig.cameras)
-        between = self.matches
-        return ImagePair(
-            (_reduce_image(self.images[0], factor), _reduce_image(self.images[1], factor)),
-            Rig(self.rig.names, cameras, metric=self.rig.metric),
-            Matches(
-                between.first,
-                between.second,
-                (between.points_first + 0.5) / factor - 0.5,
-                (between.points_second + 0.5) / factor - 0.5,
-            ),
-            self.factor * factor,
-        )
+        if self.factor == 1:
+            return found, True
+        start = self.full(found.position)
+        odd = size * self.factor // 2 * 2 + 1
+        fine = register_subset(*self.original.images, point[None], Starts(start, found.affine), subset_px=odd)
+        near = np.linalg.norm(fine.position[0] - start[0]) <= _WANDER_PX * self.factor
+        if bool(fine.converged[0]) and fine.correlation[0] >= MIN_CORRELATION and near:
+            return fine, True
+        return replace(found, position=start, covariance=self.factor**2 * found.covariance), False
 
-    def from_full(self, points2d: FloatArray) -> FloatArray:
-        """Pixels of these images for pixels of the full ones, shape (..., 2) both [px]."""
-        return (points2d + 0.5) / self.factor - 0.5
 
-    def to_full(self, points2d: FloatArray) -> FloatArray:
-        """Pixels of the full images for pixels of these, shape (..., 2) both [px]."""
-        return (points2d + 0.5) * self.factor - 0.5
+def reduce_pair(pair: ViewPair, factor: int) -> Level:
+    """Both views reduced by a whole number."""
+    if factor == 1:
+        return Level(1, pair, pair)
+    first, second = (_reduce_image(image, factor) for image in pair.images)
+    cameras = tuple(_reduce_camera(camera, factor) for camera in pair.rig.cameras)
+    level = Level(factor, pair, pair)
+    m = pair.matches
+    moved = Matches(m.first, m.second, level.reduced(m.points_first), level.reduced(m.points_second))
+    small = ViewPair((first, second), Rig(pair.rig.names, cameras, metric=pair.rig.metric), moved)
+    return replace(level, pair=small)
 
 
 def _reduce_image(image: LumaArray, factor: int) -> LumaArray:

@@ -1,4 +1,4 @@
-"""Places in another view at which a point's registration starts: by neighbouring matches, along its viewing ray."""
+"""Places where a point may be in a second view: from the matches around it, and from the depths on its viewing ray."""
 
 from dataclasses import dataclass
 
@@ -9,81 +9,51 @@ from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.registration.records import Starts
 
 __all__ = [
-    "Starts",
-    "Surface",
+    "TILTS",
+    "Hypotheses",
     "find_depth_range",
-    "join_starts",
+    "join",
     "keep_inside",
-    "propose_by_depths",
-    "propose_by_matches",
+    "starts_from_depths",
+    "starts_from_matches",
 ]
 
 _NEIGHBOURS = 24
 _MAX_EPIPOLAR_STEP_PX = 4.0
 """Distance between tried depths along the epipolar line: inside the reach of the sub-pixel registration."""
-_MAX_STARTS = 400
-_SURFACE_STD = 3.0
-"""Standard deviations that a point may lie off a known surface."""
+_MAX_HYPOTHESES = 400
+TILTS = np.array([[np.sin(t), 0.0, np.cos(t)] for t in np.radians([0.0, -50.0, 50.0, -70.0, 70.0])])
+"""Normals of the small planes that are tried, in the first camera's frame: turned about its vertical."""
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """A plane that points lie on: ``normal . X = distance`` in the rig's world frame.
-
-    Parameters
-    ----------
-    normal
-        Unit vector, shape (3,).
-    distance
-        From the origin, in the rig's unit of length.
-    std
-        Standard deviation of how far points lie off it, same unit.
-    """
-
-    normal: FloatArray
-    distance: float
-    std: float
-
-    def depths(self, ray: FloatArray, camera: Camera) -> tuple[float, float]:
-        """Nearest and farthest depth in a camera at which a ray (3,) meets it, three standard deviations each way."""
-        inwards, offset = self.in_camera(camera)
-        reach = np.array([-_SURFACE_STD, _SURFACE_STD]) * self.std
-        near, far = sorted((offset + reach) / (inwards @ ray))
-        return float(near), float(far)
-
-    def in_camera(self, camera: Camera) -> tuple[FloatArray, float]:
-        """Normal and distance in a camera's frame."""
-        inwards = camera.rotation @ self.normal
-        return inwards, float(self.distance + inwards @ camera.translation)
-
-
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """Places to start from in the second view.
+class Hypotheses(Starts):
+    """Places to try in the second view.
 
     Parameters
     ----------
     position
-        Where the point may be, shape (H, 2) [px].
+        Positions, shape (H, 2) [px].
     affine
-        Map of offsets about the point in the first view to those in the second, shape (H, 2, 2) [1].
+        Maps from offsets in the first view to offsets in the second one, shape (H, 2, 2) [1].
     """
 
     position: FloatArray
     affine: FloatArray
 
 
-def propose_by_matches(point: FloatArray, matches: Matches) -> Starts:
-    """Starts by affine maps fitted to the nearest matches, one for each of a few sizes of the neighbourhood.
+def starts_from_matches(point: FloatArray, matches: Matches) -> Hypotheses:
+    """Affine maps fitted to the nearest matches, for a few sizes of the neighbourhood.
 
     Parameters
     ----------
     point
-        The point in the first view, shape (2,) [px].
+        Place in the first view, shape (2,) [px].
     matches
-        Feature matches between the two views; none give no starts.
+        Feature matches between the two views [px].
     """
     count = len(matches.points_first)
     positions, affines = [], []
@@ -107,7 +77,7 @@ def propose_by_matches(point: FloatArray, matches: Matches) -> Starts:
                 weight = 1 / np.sqrt(1 + (residual / (np.median(residual) + 0.5)) ** 2)
             positions.append(solution[0])
             affines.append(solution[1:].T)
-    return Starts(np.array(positions).reshape(-1, 2), np.array(affines).reshape(-1, 2, 2))
+    return Hypotheses(np.array(positions).reshape(-1, 2), np.array(affines).reshape(-1, 2, 2))
 
 
 def find_depth_range(rig: Rig, matches: Matches) -> tuple[float, float]:
@@ -118,12 +88,12 @@ def find_depth_range(rig: Rig, matches: Matches) -> tuple[float, float]:
     rig
         Approximate cameras.
     matches
-        Feature matches between two of its views.
+        Feature matches between two of its views [px].
 
     Returns
     -------
     near, far
-        Depths in the first camera of the matches, in the rig's unit of length.
+        Depths in the first of the two cameras, in the rig's unit of length.
     """
     baseline = float(np.linalg.norm(rig.cameras[matches.first].center - rig.cameras[matches.second].center))
     pair = Rig(("a", "b"), (rig.cameras[matches.first], rig.cameras[matches.second]))
@@ -136,21 +106,21 @@ def find_depth_range(rig: Rig, matches: Matches) -> tuple[float, float]:
     return 0.7 * float(near), 1.5 * float(far)
 
 
-def propose_by_depths(
+def starts_from_depths(
     point: FloatArray, first: Camera, second: Camera, depths: tuple[float, float], normals: FloatArray
-) -> Starts:
-    """Starts at points on the viewing ray, equally spaced along the epipolar line, each as small planes.
+) -> Hypotheses:
+    """Points on the viewing ray, equally spaced along the epipolar line, each as small planes.
 
     Parameters
     ----------
     point
-        The point in the first view, shape (2,) [px].
+        Place in the first view, shape (2,) [px].
     first, second
         Cameras of the two views.
     depths
         Nearest and farthest depth in the first camera, in the rig's unit of length.
     normals
-        Normals of the planes in the first camera's frame, shape (N, 3) [1].
+        Normals of the planes in the first camera's frame, shape (N, 3).
     """
     ray = np.append(first.normalize(point), 1.0)
 
@@ -163,13 +133,13 @@ def propose_by_depths(
     visible = np.isfinite(line).all(axis=1)
     inverse, line = inverse[visible], line[visible]
     if len(line) < 2:
-        return Starts(np.empty((0, 2)), np.empty((0, 2, 2)))
+        return Hypotheses(np.empty((0, 2)), np.empty((0, 2, 2)))
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    count = int(np.clip(np.ceil(travelled[-1] / _MAX_EPIPOLAR_STEP_PX), 2, _MAX_STARTS))
+    count = int(np.clip(np.ceil(travelled[-1] / _MAX_EPIPOLAR_STEP_PX), 2, _MAX_HYPOTHESES))
     tried = 1 / np.interp(np.linspace(0, travelled[-1], count), travelled, inverse)
     positions = pixel(tried)
-    everything = [Starts(positions, _plane_maps(point, first, second, tried, n)) for n in normals]
-    return join_starts(*everything)
+    everything = [Hypotheses(positions, _plane_maps(point, first, second, tried, n)) for n in normals]
+    return join(*everything)
 
 
 def _plane_maps(point: FloatArray, first: Camera, second: Camera, depths: FloatArray, normal: FloatArray) -> FloatArray:
@@ -186,29 +156,29 @@ def _plane_maps(point: FloatArray, first: Camera, second: Camera, depths: FloatA
     return np.stack(columns, axis=-1)
 
 
-def join_starts(*parts: Starts) -> Starts:
-    """All starts of several, one after the other."""
-    return Starts(np.concatenate([p.position for p in parts]), np.concatenate([p.affine for p in parts]))
+def join(*parts: Hypotheses) -> Hypotheses:
+    """Several sets of places as one."""
+    return Hypotheses(np.concatenate([p.position for p in parts]), np.concatenate([p.affine for p in parts]))
 
 
-def keep_inside(starts: Starts, image: LumaArray, subset_px: int) -> Starts:
-    """Those starts whose subset lies inside the image and is neither squeezed flat nor blown up.
+def keep_inside(hypotheses: Hypotheses, image: LumaArray, subset_px: int) -> Hypotheses:
+    """Those hypotheses whose subset lies inside the image and is neither squeezed flat nor blown up.
 
     Parameters
     ----------
-    starts
-        Starts in the second view.
+    hypotheses
+        Places to try.
     image
-        Frame of the second view, shape (H, W).
+        The second view, shape (H, W).
     subset_px
-        Side of the subset in the first view [px].
+        Side of the subset [px].
     """
     height, width = image.shape
     margin = subset_px // 2 + 2
-    position = starts.position
+    position = hypotheses.position
     inside = ((position >= margin) & (position <= [width - 1 - margin, height - 1 - margin])).all(axis=1)
     # Planes tilted out of a camera's sight have no map at all.
-    defined = np.asarray(np.isfinite(starts.affine).all(axis=(1, 2)))
-    area = np.abs(np.linalg.det(np.where(defined[:, None, None], starts.affine, 0.0)))
+    defined = np.asarray(np.isfinite(hypotheses.affine).all(axis=(1, 2)))
+    area = np.abs(np.linalg.det(np.where(defined[:, None, None], hypotheses.affine, 0.0)))
     kept = inside & (area > 0.1) & (area < 10)
-    return Starts(position[kept], starts.affine[kept])
+    return Hypotheses(position[kept], hypotheses.affine[kept])

@@ -9,7 +9,7 @@ import pytest
 from moving_frames import NOISE, NaturalTexture, digitize, grid_points, memory_video
 from vfm_sdm.core.datasets import Status, check_tracks
 from vfm_sdm.errors import DatasetError, SessionError
-from vfm_sdm.stages.registration.subsets import register_subset
+from vfm_sdm.stages.registration.subsets import Starts, register_subset
 from vfm_sdm.stages.tracking.follow import FollowSettings
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 
@@ -305,7 +305,7 @@ def test_real_speckle_with_known_shift(shared_data, name, shift):
         cv2.imread(str(folder / file), cv2.IMREAD_UNCHANGED) for file in ("Sample5_Reference.tif", name)
     )
     points = grid_points(512, 16, 40)
-    registration = register_subset(reference, current, points, points)
+    registration = register_subset(reference, current, points, Starts(points))
     moved = registration.position - points
     assert registration.converged.all()
     np.testing.assert_allclose(moved.mean(axis=0), shift, atol=0.002)
