@@ -61,7 +61,7 @@ class Kept(Generic[T]):
 
     file: str
     read: Callable[[Path], tuple[T, str]] | None
-    write: Callable[[Path, T, str], object]
+    write: Callable[[Path, T, Mapping[str, str]], object]
 
 
 @dataclass(frozen=True)
@@ -196,6 +196,10 @@ class Chain(Generic[S]):
         """Modules of the chosen part of this kind."""
         raise NotImplementedError(kind)
 
+    def marks(self) -> Mapping[str, str]:
+        """What a kept product says of where it comes from, beside its key."""
+        return {}
+
     def versions(self) -> Mapping[str, str]:
         """Versions of the programs that every product depends on."""
         return {}
@@ -293,7 +297,7 @@ class Chain(Generic[S]):
             if value is None:
                 path.unlink(missing_ok=True)  # of an earlier run, which had one
             else:
-                wanted.kept.write(path, value, key)
+                wanted.kept.write(path, value, {"key": key, **self.marks()})
         return value
 
     def _compute_input_key(self, wanted: Product[Any]) -> str:

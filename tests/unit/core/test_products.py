@@ -1,7 +1,7 @@
 """Products that are made from each other, on a small chain of numbers and texts."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -34,8 +34,8 @@ def _read(path: Path) -> tuple[int, str]:
     return value, key
 
 
-def _write(path: Path, value: int, key: str) -> None:
-    path.write_text(json.dumps([value, key]))
+def _write(path: Path, value: int, marks: Mapping[str, str]) -> None:
+    path.write_text(json.dumps([value, marks["key"]]))
 
 
 class Sums(Chain[Numbers]):

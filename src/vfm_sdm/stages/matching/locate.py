@@ -13,10 +13,12 @@ from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
 from vfm_sdm.stages.matching.base import PointMatcher
-from vfm_sdm.stages.matching.correspondence import Correspondence, Surface, find_correspondences
+from vfm_sdm.stages.matching.correspondence import Correspondence, find_correspondences
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import named_points
+from vfm_sdm.stages.matching.pyramid import ImagePair
+from vfm_sdm.stages.matching.starts import Surface
 
 __all__ = ["PointFinder"]
 
@@ -104,10 +106,8 @@ class PointFinder:
         """Places of points in the second view of ``matches`` that were named in its first one."""
         images = list(self.frames.values())
         return find_correspondences(
-            (images[matches.first], images[matches.second]),
+            ImagePair((images[matches.first], images[matches.second]), rig, matches),
             np.array([p.pixel for p in points]),
-            rig,
-            matches=matches,
             subset_px=self.session.method.subset_px,
             given=given,
             surface=face,
