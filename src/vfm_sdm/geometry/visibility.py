@@ -126,9 +126,8 @@ def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, r
     views, points = len(pixels), pixels.shape[2]
     no_covariance = np.zeros((views, points, 2, 2))
     if views < 3:
-        used = np.broadcast_to(found.all(axis=0), found.shape)
-        everywhere = np.ones((views, points), dtype=np.bool_)
-        return Sightings(pixels, None, _sets_of_views(used), no_covariance, everywhere)
+        both = Visibility(np.ones((1, views), dtype=np.bool_), np.where(found.all(axis=0) & (views > 1), 0, -1))
+        return Sightings(pixels, None, both, no_covariance, np.ones((views, points), dtype=np.bool_))
     used = np.where((trusted & found).sum(axis=0) >= 2, trusted & found, found)
     used &= used.sum(axis=0) >= 2
     chosen = np.where(used[..., None], pixels, np.nan)

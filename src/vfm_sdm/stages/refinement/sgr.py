@@ -101,8 +101,7 @@ def refine(
     trusted = tracks.variables["status"].values == Status.OK
     sight = see_points(tracks.variables["position"].values, covariance, trusted, rig)
     task = _Task(sight, rig, frame, still, chosen)
-    std = np.stack([typical_std(covariance[..., axis, axis]) for axis in range(2)], axis=-1)
-    view, status = _choose_views(std, names, task)
+    view, status = _choose_views(covariance, names, task)
     result = _empty_result(sight, status)
     for index, members in _portions(view, status, len(time_s)):
         _refine_points(task, members, index, result)
@@ -175,15 +174,15 @@ def _check_views(tracks: xr.Dataset, rig: Rig) -> tuple[str, ...]:
     return names
 
 
-def _choose_views(std: FloatArray, names: tuple[str, ...], task: _Task) -> tuple[IntArray, np.ndarray[Any, Any]]:
-    """Index of the uncertain view and status of each point from the standard deviations of u and v (V, P, 2) [px]."""
-    std_u, wanted = std[..., 0], task.settings.uncertain_view
-    known = np.isfinite(std_u)
+def _choose_views(covariance: FloatArray, names: tuple[str, ...], task: _Task) -> tuple[IntArray, np.ndarray[Any, Any]]:
+    """Index of the uncertain view and status of each point from the tracks' covariances (V, T, P, 2, 2) [px2]."""
+    std, wanted = typical_std(covariance[..., 0, 0]), task.settings.uncertain_view
+    known = np.isfinite(std)
     # Of more than two views, one that does not see a point cannot serve it.
-    poor = np.asarray(((std_u > task.settings.poor_std_px) | (~known & (len(std) > 2))).all(axis=0))
+    poor = np.asarray(((std > task.settings.poor_std_px) | (~known & (len(std) > 2))).all(axis=0))
     if wanted == "auto":
         unknown = known.sum(axis=0) < 2
-        worth = std_u if len(std) == 2 else -_expected_error(std**2, task)
+        worth = std if len(std) == 2 else -_expected_error(covariance, std, task)
         # Equal views: the last, as in the paper.
         view = len(std) - 1 - np.where(known, worth, -np.inf)[::-1].argmax(axis=0)
         status = np.select([unknown, poor], [RefinementStatus.UNKNOWN, RefinementStatus.BOTH_POOR], RefinementStatus.OK)
@@ -199,19 +198,20 @@ def _choose_views(std: FloatArray, names: tuple[str, ...], task: _Task) -> tuple
     return np.where(poor, -1, index), status
 
 
-def _expected_error(variance: FloatArray, task: _Task) -> FloatArray:
+def _expected_error(covariance: FloatArray, std_u: FloatArray, task: _Task) -> FloatArray:
     """Variance along the other axes once u of a view is corrected until nothing moves along the suppressed one, (V, P).
 
-    From the variance of u and v in every view, shape (V, P, 2) [px2]. A correction moves a point along ``g = dX/du``;
-    it takes along the noise n, of which ``n - n_z g / g_z`` is left, and true motion along the suppressed axis, of
-    which ``g / g_z`` is left elsewhere: as much as the series varies beyond its noise, or might in so many frames.
-    Infinite for a view that cannot correct.
+    From the covariances (V, T, P, 2, 2) [px2] and the standard deviation of u (V, P) [px]. A correction moves a point
+    along ``g = dX/du``; it takes along the noise n, of which ``n - n_z g / g_z`` is left, and true motion along the
+    suppressed axis, of which ``g / g_z`` is left elsewhere: as much as the series varies beyond its noise, or might in
+    so many frames. Infinite for a view that cannot correct.
     """
     sight, axes = task.sight, task.frame.rotation[task.order]
     seen = sight.visibility.of_sample >= 0
     jacobian = triangulation_jacobian(sight.anchor(seen), task.rig, weights=sight.weights)
     jacobian = np.nan_to_num(np.einsum("ai,pivk->pavk", axes, jacobian))
-    noise = np.einsum("pavk,vpk,pbvk->pab", jacobian, np.nan_to_num(variance), jacobian)
+    variance = np.nan_to_num(np.stack([std_u, typical_std(covariance[..., 1, 1])], axis=-1) ** 2)
+    noise = np.einsum("pavk,vpk,pbvk->pab", jacobian, variance, jacobian)
     series = np.where(seen, sight.triangulate(task.rig) @ axes[0], np.nan)
     varies = mean_of_known((series - mean_of_known(series)) ** 2)
     doubt = np.sqrt(2 / np.maximum(seen.sum(axis=0), 1))
@@ -242,9 +242,11 @@ def _reference_views(sight: Sightings, names: tuple[str, ...], point: int, view:
     """Views beside the refined one that see a point with it."""
     if view < 0:
         return ()
+    if len(names) == 2:
+        return (names[1 - view],)
     used = sight.used[:, :, point]
     shared = (used & used[view]).any(axis=1)
-    return tuple(name for number, name in enumerate(names) if number != view and (shared[number] or len(names) == 2))
+    return tuple(name for number, name in enumerate(names) if number != view and shared[number])
 
 
 def _refine_points(task: _Task, members: IntArray, view: int, result: _Result) -> None:
