@@ -61,7 +61,7 @@ class Kept(Generic[T]):
 
     file: str
     read: Callable[[Path], tuple[T, str]] | None
-    write: Callable[[Path, T, str], object]
+    write: Callable[[Path, T, Mapping[str, str]], object]
 
 
 @dataclass(frozen=True)
@@ -196,6 +196,10 @@ class Chain(Generic[S]):
         """Modules of the chosen part of this kind."""
         raise NotImplementedError(kind)
 
+    def marks(self) -> Mapping[str, str]:
+        """What a kept product says of where it comes from, beside its key."""
+        return {}
+
     def versions(self) -> Mapping[str, str]:
         """Versions of the programs that every product depends on."""
         return {}
@@ -268,7 +272,8 @@ class Chain(Generic[S]):
     @classmethod
     def products(cls) -> tuple[str, ...]:
         """Names of all products in the order in which they are written."""
-        return tuple(name for name, one in vars(cls).items() if isinstance(one, Product))
+        members = (item for base in reversed(cls.__mro__) for item in vars(base).items())
+        return tuple(dict.fromkeys(name for name, one in members if isinstance(one, Product)))
 
     def _fetch(self, wanted: Product[T]) -> T:
         path = None if self.folder is None or wanted.kept is None else self.folder / wanted.kept.file
@@ -293,7 +298,7 @@ class Chain(Generic[S]):
             if value is None:
                 path.unlink(missing_ok=True)  # of an earlier run, which had one
             else:
-                wanted.kept.write(path, value, key)
+                wanted.kept.write(path, value, {"key": key, **self.marks()})
         return value
 
     def _compute_input_key(self, wanted: Product[Any]) -> str:

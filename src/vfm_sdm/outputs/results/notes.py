@@ -113,10 +113,14 @@ def describe_refinement(displacement: xr.Dataset) -> dict[str, Any]:
         displacement["prior_share"].values,
         strict=True,
     )
-    return {
+    described = {
         str(point): {"status": status, "view": view or None, "prior_share": float(share)}
         for point, status, view, share in rows
     }
+    if "reference_views" in displacement:  # of two views that is the other one
+        for row, views in zip(described.values(), displacement["reference_views"].values, strict=True):
+            row["reference_views"] = str(views)
+    return described
 
 
 def displacement_notes(displacement: xr.Dataset | None) -> list[str]:

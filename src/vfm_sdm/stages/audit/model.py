@@ -189,7 +189,7 @@ class AuditInputs:
     def _static_in(self, found: BoolArray) -> list[str]:
         """Names of the static points that are found in most samples, from shape (T, P)."""
         often = dict(zip(self.aligned["point"].values.tolist(), found.mean(axis=0) > 0.5, strict=True))
-        return [p.name for p in self.session.point if p.static and often[p.name]]
+        return [p.name for p in self.session.point if p.static and often.get(p.name, False)]
 
     def motion_px(self, view: str) -> FloatArray:
         """Root mean square motion of the structure's P points in a view, without the stated noise, shape (P,) [px].

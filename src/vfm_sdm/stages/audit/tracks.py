@@ -274,7 +274,7 @@ def _compute_common_motion(tracks: xr.Dataset, static: list[str]) -> tuple[Float
     """Mean motion of a view's static points, shape (T, 2) [px], and its noise, u and v together [px]."""
     chosen = tracks.sel(point=static)
     known = np.isfinite(chosen["position"].values).all(axis=(1, 2))
-    if known.sum() < 10:
+    if not static or known.sum() < 10:
         return np.empty((0, 2)), float("nan")
     centred = chosen["position"].values - np.nanmean(chosen["position"].values[known], axis=0)
     variances = [_compute_noise(chosen.sel(point=point)) for point in static]

@@ -61,7 +61,15 @@ def inputs_of(u: np.ndarray, *, status: str = "ok") -> AuditInputs:
     difference = compute_gain_difference(aligned, displacement, RIG, FRAME)
     displacement = displacement.assign(gain_difference=("point", difference))
     solution = CameraSolution(RIG, FRAME, None, points, status=status)
-    return AuditInputs(session, solution, tracks, aligned, displacement, displacement)
+    return AuditInputs(
+        session=session,
+        cameras=solution,
+        tracks=tracks,
+        aligned=aligned,
+        displacement=displacement,
+        unrefined=displacement,
+        camera_motion={},
+    )
 
 
 @pytest.mark.parametrize("check", CHECKS)
