@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, NoReturn
 
@@ -150,22 +151,51 @@ def displacement(session: _SessionFile, *, output: _Output) -> None:
     _say(f"written: {output / 'displacement.nc'}, {output / 'displacement.csv'}")
 
 
-@app.command
-def reference(
-    *files: Annotated[Path, Parameter(help="CSV files, one a sensor, recorded on one clock.")],
-    output: Annotated[Path, Parameter(name=["--output", "-o"], help="File to write, such as reference.nc.")],
-    sensor: Annotated[tuple[str, ...], Parameter(help="Name of the sensor in each file; that of the file else.")] = (),
+@dataclass(frozen=True)
+class _SensorFiles:
+    """What the CSV files of sensors hold."""
+
+    sensor: Annotated[tuple[str, ...], Parameter(help="Name of the sensor in each file; that of the file else.")] = ()
     column: Annotated[
         tuple[str, ...],
         Parameter(
             help="Which column holds what, such as vertical=-az or time=t; again for each. A - reverses the sign."
         ),
-    ] = (),
-    units: Annotated[Literal["g", "m/s2", "mm", "m"], Parameter(help="Of the files' values.")] = "g",
-    rate: Annotated[float | None, Parameter(help="Samples a second, for files without a time column.")] = None,
-    onset: Annotated[float | None, Parameter(help="When the motion begins on the sensor's clock, in seconds.")] = None,
-    band: Annotated[tuple[float, float], Parameter(help="Lowest and highest frequency in Hz.")] = (1.0, 10.0),
-    integration: Annotated[Literal["trapezoid", "spline"], Parameter(help="Rule of integration.")] = "trapezoid",
+    ] = ()
+    units: Annotated[Literal["g", "m/s2", "mm", "m"], Parameter(help="Of the files' values.")] = "g"
+    rate: Annotated[float | None, Parameter(help="Samples a second, for files without a time column.")] = None
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """How displacement is made of acceleration."""
+
+    onset: Annotated[float | None, Parameter(help="When the motion begins on the sensor's clock, in seconds.")] = None
+    band: Annotated[tuple[float, float], Parameter(help="Lowest and highest frequency in Hz.")] = (1.0, 10.0)
+    integration: Annotated[Literal["trapezoid", "spline"], Parameter(help="Rule of integration.")] = "trapezoid"
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """What is known of a reference's clock."""
+
+    synchronize: Annotated[
+        bool | None, Parameter(help="Estimate the lag of the reference's clock; left out, only of sensors.")
+    ] = None
+    search: Annotated[float, Parameter(help="Seconds around --start-lag in which the lag is searched.")] = 5.0
+    start_lag: Annotated[float, Parameter(help="Lag of the reference in seconds, as far as it is known.")] = 0.0
+
+
+# Fields of these classes are options of the command line by themselves.
+_FLAT = Parameter(name="*")
+
+
+@app.command
+def reference(
+    *files: Annotated[Path, Parameter(help="CSV files, one a sensor, recorded on one clock.")],
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="File to write, such as reference.nc.")],
+    holds: Annotated[_SensorFiles, _FLAT] = _SensorFiles(),
+    recipe: Annotated[_Recipe, _FLAT] = _Recipe(),
 ) -> None:
     """Accelerometers' recordings to reference displacement, by the paper's recipe: writes a netCDF file.
 
@@ -173,11 +203,11 @@ def reference(
     """
     result = read_sensors(
         files,
-        sensors=sensor,
-        columns=_named(column, "--column") or None,
-        units=units,
-        sampling_rate_hz=rate,
-        settings=RecipeSettings(onset_s=onset, band_hz=band, integration=integration),
+        sensors=holds.sensor,
+        columns=_named(holds.column, "--column") or None,
+        units=holds.units,
+        sampling_rate_hz=holds.rate,
+        settings=RecipeSettings(onset_s=recipe.onset, band_hz=recipe.band, integration=recipe.integration),
     )
     _out.print(reports.reference_table(result))
     _say(f"written: {write_reference(output, result)}")
@@ -193,11 +223,7 @@ def evaluate(
     pair: Annotated[tuple[str, ...], Parameter(help="point=sensor; again for each. Those of the session else.")] = (),
     axis: Annotated[tuple[str, ...], Parameter(help="Axis to compare; again for each.")] = ("lateral", "vertical"),
     band: Annotated[tuple[float, float] | None, Parameter(help="Filter both to these frequencies in Hz.")] = None,
-    synchronize: Annotated[
-        bool | None, Parameter(help="Estimate the lag of the reference's clock; left out, only of sensors.")
-    ] = None,
-    search: Annotated[float, Parameter(help="Seconds around --start-lag in which the lag is searched.")] = 5.0,
-    start_lag: Annotated[float, Parameter(help="Lag of the reference in seconds, as far as it is known.")] = 0.0,
+    clock: Annotated[_Clock, _FLAT] = _Clock(),
 ) -> None:
     """Compare a measurement with a reference: prints the figures and writes evaluation.json into the run folder."""
     result = evaluate_run(
@@ -206,7 +232,7 @@ def evaluate(
         pairs=_named(pair, "--pair") or None,
         axes=axis,
         band_hz=band,
-        clock=ReferenceClock(search, start_lag, synchronize=synchronize),
+        clock=ReferenceClock(clock.search, clock.start_lag, synchronize=clock.synchronize),
     )
     _out.print(reports.evaluation_table(result))
     for note in result.notes:
