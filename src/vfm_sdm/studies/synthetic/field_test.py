@@ -4,13 +4,13 @@ import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from vfm_sdm import __version__
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement
 from vfm_sdm.core.netcdf import read_displacement, write_dataset
@@ -42,6 +42,7 @@ from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
 __all__ = ["demo_plan", "make_demo", "make_field_test"]
 
+_VERSION = version("vfm-sdm")
 _SHORTEST_S = 0.5
 _SENSOR_WIDTH_MM = 6.17
 _SENSOR_MARGIN_S = 2.0
@@ -211,7 +212,7 @@ def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
 def _film_hash(plan: Preset, view: int) -> str:
     """What tells apart the videos of plans; dataclasses of plain values print in full."""
     shown = (plan.site, plan.motion, plan.recordings[view], plan.fps, plan.frames, plan.seed, dict(plan.encoder))
-    return hashlib.sha256(f"{__version__} {view} {shown!r}".encode()).hexdigest()
+    return hashlib.sha256(f"{_VERSION} {view} {shown!r}".encode()).hexdigest()
 
 
 def _write_sensor(folder: Path, plan: Preset, number: int) -> None:
@@ -261,7 +262,7 @@ def _truth(plan: Preset) -> xr.Dataset:
             "description": plan.description,
             "films": [_film_hash(plan, view) for view in range(len(plan.views))],
             "seed": plan.seed,
-            "vfm_sdm_version": __version__,
+            "vfm_sdm_version": _VERSION,
             **further,
         },
     )
