@@ -46,6 +46,14 @@ def test_docstrings_refer_to_what_there_is(package):
     assert missing == []
 
 
+def test_titles_of_docstrings_stand_in_lines_of_their_own():
+    title = re.compile(
+        r"^.*\b(?:Notes|Parameters|Returns|Raises|References|Examples|Attributes) -{3,}.*$", re.MULTILINE
+    )
+    joined = [hit for path in (ROOT / "src").rglob("*.py") for hit in title.findall(path.read_text(encoding="utf-8"))]
+    assert joined == []
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_documents_refer_to_what_there_is(document):
     text = document.read_text(encoding="utf-8")

@@ -117,10 +117,12 @@ def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, r
     rig
         V cameras.
 
-    Notes ----- Two views are both taken as they are. With more views, those of each point are weighted by the inverse
-    of their standard deviation (the median over the frames that state one) and of their depth, which makes the linear
-    method's residuals those of pixels over their noise; a sample that a view does not trust is left to the others where
-    two of them trust theirs.
+    Notes
+    -----
+    Two views are both taken as they are. With more views, those of each point are weighted by the inverse of their
+    standard deviation (the median over the frames that state one) and of their depth, which makes the linear method's
+    residuals those of pixels over their noise; a sample that a view does not trust is left to the others where two of
+    them trust theirs.
     """
     found = np.asarray(np.isfinite(pixels).all(axis=-1))
     views, points = len(pixels), pixels.shape[2]

@@ -213,8 +213,10 @@ def rppae(estimate: npt.ArrayLike, reference: npt.ArrayLike) -> float:
     DatasetError
         Shapes differ, fewer than 10 samples are known in both, or the reference does not move.
 
-    Notes ----- Paper, section Evaluation metrics: ``|(max e - min e) - (max r - min r)| / (max r - min r)``. One wrong
-    sample decides it.
+    Notes
+    -----
+    Paper, section Evaluation metrics: ``|(max e - min e) - (max r - min r)| / (max r - min r)``. One wrong sample
+    decides it.
 
     Examples
     --------

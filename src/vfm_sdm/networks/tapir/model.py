@@ -35,9 +35,11 @@ class Tapir(nn.Module):
     config
         Architecture and run-time constants; a preset of ``TapirConfig`` for each checkpoint.
 
-    Notes ----- Section 3 of TAPIR [1]_; BootsTAP [2]_ for the extra convolutions. Calculations run in the
-    floating-point type and on the device of the parameters. Points do not see one another. Run it under
-    ``torch.inference_mode``, or all intermediate values are kept for a backward pass.
+    Notes
+    -----
+    Section 3 of TAPIR [1]_; BootsTAP [2]_ for the extra convolutions. Calculations run in the floating-point type and
+    on the device of the parameters. Points do not see one another. Run it under ``torch.inference_mode``, or all
+    intermediate values are kept for a backward pass.
 
     Pixels: the centre of the top-left one is (0.5, 0.5), so that positions in a resized image are in proportion.
 

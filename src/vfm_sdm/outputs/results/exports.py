@@ -98,8 +98,10 @@ def write_export(name: str, folder: Path | str, displacement: xr.Dataset) -> Pat
     DatasetError
         The dataset does not hold displacement.
 
-    Notes ----- A writer is a function of the path to write to and of the checked dataset, whose dims are in the order
-    ``time, point, axis``. It writes one file, and raises `ResultsError` where the data do not allow one.
+    Notes
+    -----
+    A writer is a function of the path to write to and of the checked dataset, whose dims are in the order ``time,
+    point, axis``. It writes one file, and raises `ResultsError` where the data do not allow one.
 
     Examples
     --------
@@ -184,7 +186,9 @@ def to_mat(path: Path, displacement: xr.Dataset) -> None:
     displacement
         Displacement dataset, shape (T, P, 3) [mm].
 
-    Notes ----- The variables are ``time_s`` (T, 1), ``points`` and ``axes`` (cell arrays), ``displacement_mm``,
+    Notes
+    -----
+    The variables are ``time_s`` (T, 1), ``points`` and ``axes`` (cell arrays), ``displacement_mm``,
     ``displacement_std_mm`` and ``position_m`` (T, P, 3), ``scale_std`` (P, 3), ``reprojection_error_px`` and ``status``
     (T, P), ``status_meanings`` (cell array; code 0 is the first) and ``frame``.
     """

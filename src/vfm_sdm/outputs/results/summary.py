@@ -136,10 +136,12 @@ def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
         ``budget_mm`` (root mean square over time of each component of the uncertainty of a sample, k = 1) and
         ``dominant_frequency_hz``. Only frames with status ok count; the value is None where these do not tell it.
 
-    Notes ----- The peak-to-peak is ``x_a - x_b`` with the extremes at frames a and b. Components of the uncertainty
-    that are proportional to the motion add up over the two, the others are taken as independent. Where a dataset holds
-    no budget, the expanded uncertainty is ``U = 2 sqrt(s_a^2 + s_b^2 + (s_scale (x_a - x_b))^2)`` from its random part
-    and scale. The tendency of extremes of noise to lie apart is not in it: of motion within the noise, the peak-to-peak
+    Notes
+    -----
+    The peak-to-peak is ``x_a - x_b`` with the extremes at frames a and b. Components of the uncertainty that are
+    proportional to the motion add up over the two, the others are taken as independent. Where a dataset holds no
+    budget, the expanded uncertainty is ``U = 2 sqrt(s_a^2 + s_b^2 + (s_scale (x_a - x_b))^2)`` from its random part and
+    scale. The tendency of extremes of noise to lie apart is not in it: of motion within the noise, the peak-to-peak
     shows the noise.
 
     Examples

@@ -56,9 +56,11 @@ def check_signal(inputs: AuditInputs) -> AuditCheck:
 def check_gain(inputs: AuditInputs) -> AuditCheck:
     """Error of the registration's gain for shifts of parts of a pixel that are put into the first frames [1].
 
-    Notes ----- The shifted picture gets noise of its own, as much as the frame seems to have, because noise draws the
-    gain of a weak texture towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera
-    would see them.
+    Notes
+    -----
+    The shifted picture gets noise of its own, as much as the frame seems to have, because noise draws the gain of a
+    weak texture towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera would see
+    them.
 
     The gain of registration says nothing of a network that follows points by itself; its gain is unknown.
     """

@@ -76,10 +76,12 @@ def compute_displacement(
         The tracks are not synchronised, their views are not the rig's, the rig is not metric, or no frame lies in the
         still interval.
 
-    Notes ----- The random part of the uncertainty is the tracks' covariance through the triangulation. It leaves out
-    the noise that all frames share, because the reference frame's noise shifts a whole series and not its motion. The
-    systematic part is the gain of each axis under the covariance of cameras and axes (`compute_gain_std`); ``gain_std``
-    also holds the leakage from motion along one axis into another, and ``gain_covariance`` is what
+    Notes
+    -----
+    The random part of the uncertainty is the tracks' covariance through the triangulation. It leaves out the noise that
+    all frames share, because the reference frame's noise shifts a whole series and not its motion. The systematic part
+    is the gain of each axis under the covariance of cameras and axes (`compute_gain_std`); ``gain_std`` also holds the
+    leakage from motion along one axis into another, and ``gain_covariance`` is what
     `vfm_sdm.stages.displacement.uncertainty` needs for any displacement. ``pixel_sensitivity`` is the change of the
     result with each pixel coordinate.
 
