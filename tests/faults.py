@@ -95,7 +95,10 @@ def low_signal(seed: int) -> Simulated:
 
 
 FAULTS: dict[str, tuple[Fault, frozenset[str]]] = {
-    "a slipping track": (slipping_track, frozenset({"slipping tracks", "epipolar error in motion", "left and right"})),
+    "a slipping track": (
+        slipping_track,
+        frozenset({"slipping tracks", "epipolar error in motion", "agreement of the views"}),
+    ),
     "a frozen track": (frozen_track, frozenset({"frozen tracks"})),
     "views swapped": (swapped_views, frozenset({"epipolar error", "samples missing"})),
     "40 ms unsynchronised": (unsynchronised, frozenset({"clocks"})),

@@ -1,31 +1,20 @@
 """Counts what keeps the house in order, and draws its layout from the imports.
 
 Run as ``python tools/house.py`` it prints each count beside its limit and names every place beyond it; the exit status
-is then 1. ``--picture docs/house.svg`` draws the rooms and who imports whom.
+is then 1. ``--picture docs/house.svg`` draws the rooms and which of them use which.
 """
 
 import argparse
 import ast
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from house_picture import draw, find_way
+
 PACKAGE = Path(__file__).resolve().parents[1] / "src" / "vfm_sdm"
 MOST_AT_ROOT, MOST_LINES, MOST_BODY_LINES, MOST_ARGUMENTS = 4, 500, 60, 6
-LAYERS = (
-    ("commands", "page"),
-    ("studies",),
-    ("measurement",),
-    ("outputs",),
-    ("analysis",),
-    ("stages",),
-    ("inputs",),
-    ("networks", "geometry", "signals"),
-    ("core",),
-    ("errors",),
-)
-"""Floors of the house, the highest first; ``.importlinter`` holds them."""
 _FLOORS_OF_ROOMS = ("analysis", "inputs", "outputs", "stages", "studies")
 _NO_ROOMS = ("__init__", "__main__", *_FLOORS_OF_ROOMS)
 
@@ -79,17 +68,16 @@ def count_all(package: Path) -> list[Count]:
 
 
 def read_imports(package: Path) -> dict[str, set[str]]:
-    """Modules that each module of a package imports while it is loaded, by dotted names below the package.
+    """Modules that each module of a package imports, by dotted names below the package.
 
-    Imports inside functions are left out: they are how a circle is opened where a part is loaded on demand. So are
-    those for type checkers alone.
+    Imports inside functions count, too: a circle that is opened by a late import is still one. Those for type checkers
+    alone do not, and neither does the package's root, which imports its names when they are asked for.
     """
-    paths = {_dotted(path, package): path for path in package.rglob("*.py")}
+    paths = {_dotted(path, package): path for path in sorted(package.rglob("*.py"))}
     found: dict[str, set[str]] = {}
     for name, path in paths.items():
-        inside = path.name == "__init__.py"
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        found[name] = {target for target in _imported(tree.body, name, paths, package.name, inside) if target != name}
+        imported = _imported(ast.parse(path.read_text(encoding="utf-8")), paths, package.name)
+        found[name] = set(imported) - {name}
     return found
 
 
@@ -115,48 +103,28 @@ def find_circles(imports: Mapping[str, set[str]]) -> list[list[str]]:
     seen: set[frozenset[str]] = set()
     for start in imports:
         for first in sorted(imports[start]):
-            back = _way(imports, first, start)
+            back = find_way(imports, first, start)
             if back and frozenset(back) not in seen:
                 seen.add(frozenset(back))
                 circles.append([start, *back])
     return circles
 
 
-def _way(imports: Mapping[str, set[str]], start: str, end: str) -> list[str]:
-    """The shortest way from one module to another; empty where there is none."""
-    ways, seen = [[start]], {start}
-    while ways:
-        way = ways.pop(0)
-        if way[-1] == end:
-            return way
-        for target in sorted(imports.get(way[-1], set()) - seen):
-            seen.add(target)
-            ways.append([*way, target])
-    return []
-
-
-def _imported(
-    body: Sequence[ast.stmt], module: str, paths: Mapping[str, Path], package: str, inside: bool
-) -> Iterator[str]:
-    for node in body:
-        if isinstance(node, ast.If):
-            if "TYPE_CHECKING" not in ast.unparse(node.test):
-                yield from _imported([*node.body, *node.orelse], module, paths, package, inside)
-        elif isinstance(node, ast.Try):
-            yield from _imported(node.body, module, paths, package, inside)
-        elif isinstance(node, ast.Import):
-            for alias in node.names:
-                if alias.name.startswith(f"{package}."):
-                    yield alias.name.removeprefix(f"{package}.")
-        elif isinstance(node, ast.ImportFrom):
-            source = node.module or ""
-            if source == package or source.startswith(f"{package}."):
-                below = source.removeprefix(package).removeprefix(".")
-                for alias in node.names:
-                    deeper = f"{below}.{alias.name}".removeprefix(".")
-                    target = deeper if deeper in paths else below
-                    if target:
-                        yield target
+def _imported(node: ast.AST, known: Collection[str], package: str) -> Iterator[str]:
+    """Modules of a package that a piece of code imports, in order; ``known`` are all that it has."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import):
+            named = (alias.name for alias in child.names)
+            yield from (name.removeprefix(f"{package}.") for name in named if name.startswith(f"{package}."))
+        elif isinstance(child, ast.ImportFrom):
+            room, _, below = (child.module or "").partition(".")
+            if room == package:
+                deeper = (f"{below}.{alias.name}".removeprefix(".") for alias in child.names)
+                yield from filter(None, (name if name in known else below for name in deeper))
+        elif isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            continue
+        else:
+            yield from _imported(child, known, package)
 
 
 def _dotted(path: Path, package: Path) -> str:
@@ -193,70 +161,10 @@ def main(words: Sequence[str] | None = None) -> int:
             sys.stdout.writelines(f"       {place}\n" for place in count.places)
     sys.stdout.write(f"     rooms: {len(rooms)}, arrows between them: {sum(map(len, rooms.values()))}\n")
     if asked.picture is not None:
+        if find_circles(rooms):
+            parser.error("expected rooms without circles to draw, got those above; open them first")
         asked.picture.write_text(draw(rooms), encoding="utf-8")
     return int(not all(count.kept for count in counts))
-
-
-def draw(rooms: Mapping[str, set[str]]) -> str:
-    """The rooms on their floors and the arrows between them, as SVG."""
-    places = _places(rooms)
-    width = 40 + max(x + w for x, _, w in places.values())
-    height = 60 + max(y for _, y, _ in places.values())
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" '
-        'font-family="sans-serif" font-size="13">',
-        f'<rect width="{width:.0f}" height="{height:.0f}" fill="white"/>',
-    ]
-    for room in sorted(rooms):
-        for target in sorted(rooms[room]):
-            parts.append(_arrow(places[room], places[target]))
-    for room, (x, y, w) in sorted(places.items()):
-        label = room.split(".")[-1]
-        fill = "#fff3d6" if room.startswith("stages.") else "#e8eef7"
-        parts.append(
-            f'<rect x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="26" rx="4" fill="{fill}" stroke="#51606f"/>'
-        )
-        parts.append(f'<text x="{x + w / 2:.1f}" y="{y + 17.5:.1f}" text-anchor="middle">{label}</text>')
-    return "\n".join([*parts, "</svg>", ""])
-
-
-def _places(rooms: Mapping[str, set[str]]) -> dict[str, tuple[float, float, float]]:
-    """Left edge, top and width of every room; rooms that import each other's floor stand on floors of their own."""
-    places: dict[str, tuple[float, float, float]] = {}
-    top = 20.0
-    for layer in LAYERS:
-        here = [room for room in rooms if room.split(".")[0] in layer]
-        for row in _rows(here, rooms):
-            widths = [9.0 * len(room.split(".")[-1]) + 18 for room in row]
-            left = 420 - (sum(widths) + 26 * (len(row) - 1)) / 2
-            for room, w in zip(row, widths, strict=True):
-                places[room] = (left, top, w)
-                left += w + 26
-            top += 62
-    return places
-
-
-def _rows(here: Sequence[str], rooms: Mapping[str, set[str]]) -> list[list[str]]:
-    """Rooms of a layer in rows, so that each imports only rooms of lower rows."""
-    rows: list[list[str]] = []
-    left = set(here)
-    while left:
-        row = sorted(room for room in left if not any(room in rooms[other] for other in left - {room}))
-        rows.append(row or sorted(left))
-        left -= set(rows[-1])
-    return rows
-
-
-def _arrow(source: tuple[float, float, float], target: tuple[float, float, float]) -> str:
-    x1, y1 = source[0] + source[2] / 2, source[1] + 26
-    x2, y2 = target[0] + target[2] / 2, target[1]
-    far = abs(y2 - y1) > 70
-    middle = (y1 + y2) / 2
-    colour, opacity = ("#9aa7b4", 0.35) if far else ("#51606f", 0.8)
-    return (
-        f'<path d="M{x1:.1f},{y1:.1f} C{x1:.1f},{middle:.1f} {x2:.1f},{middle:.1f} {x2:.1f},{y2:.1f}" fill="none" '
-        f'stroke="{colour}" stroke-opacity="{opacity}"/>'
-    )
 
 
 if __name__ == "__main__":

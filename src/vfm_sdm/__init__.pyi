@@ -1,5 +1,6 @@
 # The public names of the package and where each of them lives: this file is the list that type checkers read, and the
 # one from which `vfm_sdm` imports a name when it is first asked for.
+from .analysis.evaluation import ReferenceClock as ReferenceClock
 from .analysis.evaluation import evaluate as evaluate
 from .core.netcdf import read_displacement as read_displacement
 from .core.netcdf import read_tracks as read_tracks

@@ -43,16 +43,20 @@ def _read_tracks(path: Path) -> tuple[dict[str, xr.Dataset], str]:
     return tracks, keys.pop() if len(keys) == 1 else ""
 
 
-def _write_tracks(path: Path, tracks: Mapping[str, xr.Dataset], key: str) -> None:
-    write_tracks(path.parent, {view: of_view.assign_attrs(key=key) for view, of_view in tracks.items()})
+def _write_cameras(path: Path, solution: CameraSolution, marks: Mapping[str, str]) -> None:
+    write_solution(path, solution, marks["key"])
 
 
-def _write_points(path: Path, points: xr.Dataset, key: str) -> None:
-    write_points(path.parent, points.assign_attrs(key=key))
+def _write_tracks(path: Path, tracks: Mapping[str, xr.Dataset], marks: Mapping[str, str]) -> None:
+    write_tracks(path.parent, {view: of_view.assign_attrs(key=marks["key"]) for view, of_view in tracks.items()})
 
 
-def _write_displacement(path: Path, displacement: xr.Dataset, key: str) -> None:
-    write_displacement(path.parent, displacement.assign_attrs(key=key, versions=package_versions()))
+def _write_points(path: Path, points: xr.Dataset, marks: Mapping[str, str]) -> None:
+    write_points(path.parent, points.assign_attrs(key=marks["key"]))
+
+
+def _write_displacement(path: Path, displacement: xr.Dataset, marks: Mapping[str, str]) -> None:
+    write_displacement(path.parent, displacement.assign_attrs(marks, versions=package_versions()))
 
 
 class Measurement(Chain[Session]):
@@ -122,10 +126,11 @@ class Measurement(Chain[Session]):
         ),
         needs=("frames",),
         parts=("cameras", "matchers"),
-        kept=Kept("cameras.toml", read_solution, write_solution),
+        kept=Kept("cameras.toml", read_solution, _write_cameras),
     )
     def cameras(self, session: Session) -> CameraSolution:
         """Cameras, structural axes, and the points' pixels that helped to adjust them to the site."""
+        self._say("cameras")
         return solve_cameras(session, self.frames, self.part("cameras"), matcher=self.part("matchers"))
 
     @product(
@@ -233,9 +238,17 @@ class Measurement(Chain[Session]):
         """Checks and verdict; ``None`` without displacement, or of a single view."""
         if self.cameras.rig is None or len(session.view) < 2 or self.displacement is None or self.unrefined is None:
             return None
-        unrefined = self.unrefined.assign(status=self.displacement["status"])
-        measured = (session, self.cameras, self.tracks, self.aligned, self.displacement, unrefined)
-        return audit(AuditInputs(*measured, camera_motion=self.steady.views, frames=self.frames))
+        inputs = AuditInputs(
+            session=session,
+            cameras=self.cameras,
+            tracks=self.tracks,
+            aligned=self.aligned,
+            displacement=self.displacement,
+            unrefined=self.unrefined.assign(status=self.displacement["status"]),
+            camera_motion=self.steady.views,
+            frames=self.frames,
+        )
+        return audit(inputs)
 
     @product(needs=("frames", "cameras", "points", "tracks", "displacement", "audit"))
     def figures(self, session: Session) -> list[Path]:
@@ -301,6 +314,10 @@ class Measurement(Chain[Session]):
     def part_modules(self, kind: Kind) -> tuple[str, ...]:
         """Modules of the chosen part."""
         return code_modules(kind, self._session.method)
+
+    def marks(self) -> dict[str, str]:
+        """Hash of the whole session, for readers; it takes no part in any key."""
+        return {"session_hash": session_hash(self._session)}
 
     def versions(self) -> dict[str, str]:
         """Versions of the packages that compute."""

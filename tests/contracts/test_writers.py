@@ -10,7 +10,7 @@ from scipy.io import loadmat
 
 from plugins import installed
 from uff import read_uff
-from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement, make_tracks
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement, make_tracks
 from vfm_sdm.core.parts import BUILT_IN
 from vfm_sdm.errors import BackendUnavailableError, DatasetError, ResultsError
 from vfm_sdm.outputs.results import write_export
@@ -68,12 +68,14 @@ def example(points=("1/2 span", "abutment"), *, frames=FRAMES, seed=0):
         np.arange(frames) / 50.0,
         list(points),
         STRUCTURE_AXES,
-        displacement_mm=displacement,
-        displacement_std_mm=rng.uniform(0.1, 0.2, shape),
-        scale_std=rng.uniform(0.01, 0.02, shape[1:]),
-        position_m=rng.normal(size=shape),
-        reprojection_error_px=rng.uniform(size=shape[:2]),
-        status=status,
+        DisplacementArrays(
+            displacement_mm=displacement,
+            displacement_std_mm=rng.uniform(0.1, 0.2, shape),
+            scale_std=rng.uniform(0.01, 0.02, shape[1:]),
+            position_m=rng.normal(size=shape),
+            reprojection_error_px=rng.uniform(size=shape[:2]),
+            status=status,
+        ),
         attrs={"frame": "structure"},
     )
 

@@ -11,7 +11,7 @@ import pytest
 from scenes import write_scene
 from vfm_sdm.analysis.evaluation.metrics import Score
 from vfm_sdm.commands import app as cli
-from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 from vfm_sdm.inputs.session import Session, read_session, write_session
 from vfm_sdm.outputs.results import write_displacement
 from vfm_sdm.studies.protocol import Benchmark, Case
@@ -81,12 +81,14 @@ def run_folder(tmp_path):
         time_s,
         ["mid"],
         STRUCTURE_AXES,
-        displacement_mm=values,
-        displacement_std_mm=np.full(values.shape, 0.01),
-        scale_std=np.zeros((1, 3)),
-        position_m=np.zeros(values.shape),
-        reprojection_error_px=np.zeros((450, 1)),
-        status=np.zeros((450, 1), int),
+        DisplacementArrays(
+            displacement_mm=values,
+            displacement_std_mm=np.full(values.shape, 0.01),
+            scale_std=np.zeros((1, 3)),
+            position_m=np.zeros(values.shape),
+            reprojection_error_px=np.zeros((450, 1)),
+            status=np.zeros((450, 1), int),
+        ),
         attrs={"frame": "structure"},
     )
     write_displacement(tmp_path / "run", displacement)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vfm_sdm.analysis.evaluation import evaluate, read_sensors
-from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement, make_tracks
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement, make_tracks
 from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.stages.synchronize import synchronize_views
 from vfm_sdm.studies.synthetic.presets import PRESETS, preset
@@ -77,12 +77,14 @@ def sensor_clocks(plan, folder):
             true_s - true_s[0],
             [point.name for point in points],
             STRUCTURE_AXES,
-            displacement_mm=exact + rng.normal(0, DISPLACEMENT_STD_MM, exact.shape),
-            displacement_std_mm=np.full(exact.shape, DISPLACEMENT_STD_MM),
-            scale_std=np.zeros(exact.shape[1:]),
-            position_m=np.zeros(exact.shape),
-            reprojection_error_px=np.zeros(exact.shape[:2]),
-            status=np.zeros(exact.shape[:2], int),
+            DisplacementArrays(
+                displacement_mm=exact + rng.normal(0, DISPLACEMENT_STD_MM, exact.shape),
+                displacement_std_mm=np.full(exact.shape, DISPLACEMENT_STD_MM),
+                scale_std=np.zeros(exact.shape[1:]),
+                position_m=np.zeros(exact.shape),
+                reprojection_error_px=np.zeros(exact.shape[:2]),
+                status=np.zeros(exact.shape[:2], int),
+            ),
             attrs={"frame": "structure"},
         )
         paths = [record(plan, mounted, folder, seed=10 * seed + n) for n, mounted in enumerate(plan.accelerometers)]

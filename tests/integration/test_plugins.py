@@ -13,7 +13,6 @@ import pytest
 
 from plugins import example_package, example_parts, example_project, installed, registry_lines
 from scenes import FRAMES, motion_mm, write_scene
-from vfm_sdm.commands.app import main
 from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.core import parts
 from vfm_sdm.core.datasets import Status
@@ -110,21 +109,18 @@ def test_a_check_takes_part_in_the_audit(measured):
     assert checks[-1]["sentence"].startswith("only 0.6 s were filmed")
 
 
-def test_a_writer_is_an_export(measured, recorded, tmp_path, capsys):
+def test_a_writer_is_an_export(measured, recorded, tmp_path, command):
     result, folder = measured
     path = write_export("jsonl", tmp_path, result.displacement)
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     assert [line["time_s"] for line in lines] == result.displacement["time"].values.tolist()
     expected = result.displacement["displacement"].sel(point="b", axis="down").values
     np.testing.assert_allclose([line["displacement_mm"]["b"]["down"] for line in lines], expected)
-    with pytest.raises(SystemExit) as stopped:
-        main(["measure", str(recorded), "-o", str(folder), "--export", "jsonl"])
-    assert not stopped.value.code
+    assert command("measure", recorded, "-o", folder, "--export", "jsonl")[0] == 0
     assert (folder / "displacement.jsonl").read_text() == path.read_text()
-    with pytest.raises(SystemExit) as stopped:
-        main(["measure", str(recorded), "-o", str(tmp_path / "none"), "--export", "json"])
-    assert stopped.value.code == 1
-    assert "export: expected one of" in (said := capsys.readouterr().err)
+    status, _, said = command("measure", recorded, "-o", tmp_path / "none", "--export", "json")
+    assert status == 1
+    assert "export: expected one of" in said
     assert "did you mean 'jsonl'?" in said
     assert not (tmp_path / "none").exists()  # said before any work
 

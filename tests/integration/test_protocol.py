@@ -12,7 +12,7 @@ from vfm_sdm.core.products import Chain
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.studies.protocol import Case, run_benchmark
 from vfm_sdm.studies.protocol.figures import save_protocol_figures
-from vfm_sdm.studies.protocol.methods import MONOCULAR, OURS, WITHOUT_SGR, Method, comparisons, why_not
+from vfm_sdm.studies.protocol.methods import MONOCULAR, WITH_SGR, WITHOUT_SGR, ComparedMethod, comparisons, why_not
 from vfm_sdm.studies.synthetic.field_test import demo_plan, make_field_test
 from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
 from vfm_sdm.studies.synthetic.motion import Mode
@@ -159,7 +159,7 @@ def test_figures_of_the_methods_are_what_they_must_be_on_an_easy_recording(bench
         assert means[against][columns.index("correlation: with SGR")] > 0.99
         assert means[against][columns.index("skill: with SGR")] > 0.99
     table = benchmark.tables["baseline_against_truth"]
-    ours, monocular = (table.columns.index(f"NRMSE range: {m.label}") for m in (OURS, MONOCULAR))
+    ours, monocular = (table.columns.index(f"NRMSE range: {m.label}") for m in (WITH_SGR, MONOCULAR))
     for row in table.rows[:-2]:
         assert row[ours] < row[monocular] < 0.05
 
@@ -172,9 +172,9 @@ def test_scores_of_the_tables_are_those_of_the_evaluations(benchmark):
     table = benchmark.tables["refinement_against_truth"]
     row = next(row for row in table.rows if row[:3] == ("data-2", "1/2 span", "lateral"))
     assert row[table.columns.index("RPPAE: without SGR")] == pytest.approx(expected.rppae)
-    assert result.score("truth", OURS, case) != result.score("truth", WITHOUT_SGR, case)
+    assert result.score("truth", WITH_SGR, case) != result.score("truth", WITHOUT_SGR, case)
     assert result.score("truth", MONOCULAR, case) is None
-    assert result.score("truth", Method("never run"), case) is None
+    assert result.score("truth", ComparedMethod("never run"), case) is None
 
 
 def test_clocks_are_the_true_ones(benchmark):
@@ -323,7 +323,7 @@ def test_a_field_test_outside_the_assumptions_is_no_result(benchmark, copy, refi
     # Neither means nor anything else of the results change.
     alike = [name for name in refinement_only if name not in named]
     assert tables_of(copy, alike) == tables_of(benchmark.folder, alike)
-    assert set(both.results["data-4"].runs) == {WITHOUT_SGR, OURS}
+    assert set(both.results["data-4"].runs) == {WITHOUT_SGR, WITH_SGR}
     shown = {path.name for path in both.figures}
     assert {"data-4_1-4_span_trajectories.png", "data-4_1-2_span_trajectories.png"} <= shown
     assert not [name for name in shown if any(what in name for what in FIGURES[1:])]

@@ -25,10 +25,10 @@ from vfm_sdm.analysis.evaluation import evaluate_run, read_sensors, write_evalua
 from vfm_sdm.commands import tables as reports
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
+from vfm_sdm.commands.options import ClockOptions, RecipeOptions
 from vfm_sdm.core.progress import Progress as Callback
 from vfm_sdm.core.registry import find
 from vfm_sdm.errors import DatasetError, VfmSdmError
-from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
@@ -50,6 +50,8 @@ app.command(weights)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]
+
+_RECIPE, _CLOCK = RecipeOptions(), ClockOptions()
 
 _out = Console()
 _err = Console(stderr=True)
@@ -163,9 +165,7 @@ def reference(
     ] = (),
     units: Annotated[Literal["g", "m/s2", "mm", "m"], Parameter(help="Of the files' values.")] = "g",
     rate: Annotated[float | None, Parameter(help="Samples a second, for files without a time column.")] = None,
-    onset: Annotated[float | None, Parameter(help="When the motion begins on the sensor's clock, in seconds.")] = None,
-    band: Annotated[tuple[float, float], Parameter(help="Lowest and highest frequency in Hz.")] = (1.0, 10.0),
-    integration: Annotated[Literal["trapezoid", "spline"], Parameter(help="Rule of integration.")] = "trapezoid",
+    recipe: RecipeOptions = _RECIPE,
 ) -> None:
     """Accelerometers' recordings to reference displacement, by the paper's recipe: writes a netCDF file.
 
@@ -177,7 +177,7 @@ def reference(
         columns=_named(column, "--column") or None,
         units=units,
         sampling_rate_hz=rate,
-        settings=RecipeSettings(onset_s=onset, band_hz=band, integration=integration),
+        settings=recipe.settings(),
     )
     _out.print(reports.reference_table(result))
     _say(f"written: {write_reference(output, result)}")
@@ -193,11 +193,7 @@ def evaluate(
     pair: Annotated[tuple[str, ...], Parameter(help="point=sensor; again for each. Those of the session else.")] = (),
     axis: Annotated[tuple[str, ...], Parameter(help="Axis to compare; again for each.")] = ("lateral", "vertical"),
     band: Annotated[tuple[float, float] | None, Parameter(help="Filter both to these frequencies in Hz.")] = None,
-    synchronize: Annotated[
-        bool | None, Parameter(help="Estimate the lag of the reference's clock; left out, only of sensors.")
-    ] = None,
-    search: Annotated[float, Parameter(help="Seconds around --start-lag in which the lag is searched.")] = 5.0,
-    start_lag: Annotated[float, Parameter(help="Lag of the reference in seconds, as far as it is known.")] = 0.0,
+    clock: ClockOptions = _CLOCK,
 ) -> None:
     """Compare a measurement with a reference: prints the figures and writes evaluation.json into the run folder."""
     result = evaluate_run(
@@ -206,9 +202,7 @@ def evaluate(
         pairs=_named(pair, "--pair") or None,
         axes=axis,
         band_hz=band,
-        synchronize=synchronize,
-        search_s=search,
-        start_lag_s=start_lag,
+        clock=clock.settings(),
     )
     _out.print(reports.evaluation_table(result))
     for note in result.notes:

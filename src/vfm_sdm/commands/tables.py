@@ -220,8 +220,8 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     lag = evaluation.synchronization
     if lag is not None and lag.ok:
         title += f", lag {1e3 * lag.lag_s:.1f} +- {1e3 * lag.lag_std_s:.1f} ms"
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("point")
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=0)
+    table.add_column("point", min_width=8)
     table.add_column("axis", no_wrap=True)
     for name in ("NRMSE", "corr.", "RPPAE", "gain", "skill", "lag ms", "cover %", "RMS mm"):
         table.add_column(name, justify="right", no_wrap=True)

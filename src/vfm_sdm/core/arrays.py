@@ -1,4 +1,4 @@
-"""Array types, and the checks that functions make at their door."""
+"""Array types, and checks of arrays at the entry of functions."""
 
 from collections.abc import Sequence
 
@@ -35,14 +35,24 @@ def as_float_array(value: npt.ArrayLike, name: str, shape: Sequence[int | None])
     value
         Anything that NumPy turns into an array.
     name
-        What the caller calls it; appears in the message.
+        Name of the array in messages.
     shape
         Expected trailing shape; ``None`` stands for any length. A leading ``-1`` admits any number of leading axes.
+
+    Returns
+    -------
+    array
+        The value as float64, in the unit that it has; not a copy where none is needed.
 
     Raises
     ------
     DatasetError
         The value is not numeric or has another shape.
+
+    Examples
+    --------
+    >>> as_float_array([[320, 240]], "points2d", (None, 2)).shape
+    (1, 2)
     """
     try:
         array = np.asarray(value, dtype=np.float64)
@@ -65,7 +75,23 @@ def as_float_array(value: npt.ArrayLike, name: str, shape: Sequence[int | None])
 
 
 def unbroken_runs(valid: BoolArray) -> list[slice]:
-    """Runs of neighbouring true values of an array of shape (T,), in order."""
+    """Runs of neighbouring true values, in order.
+
+    Parameters
+    ----------
+    valid
+        Which values are true, shape (T,); in a series, one value for each frame.
+
+    Returns
+    -------
+    runs
+        Slices from the first value of a run to the one after its last.
+
+    Examples
+    --------
+    >>> unbroken_runs(np.array([True, True, False, True]))
+    [slice(0, 2, None), slice(3, 4, None)]
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
     return [slice(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -76,16 +102,21 @@ def mean_of_known(values: FloatArray, known: BoolArray | None = None, *, axis: i
     Parameters
     ----------
     values
-        Any shape.
+        Values of any shape and unit.
     known
         Which values count, of a shape that broadcasts to that of the values; by default those that are finite.
     axis
-        Over which the mean is taken; by default the first.
+        Axes over which the mean is taken; by default the first.
 
     Returns
     -------
     mean
-        Without the axes that it was taken over; NaN where no value is known.
+        Mean without those axes, in the unit of the values; NaN where no value is known.
+
+    Examples
+    --------
+    >>> mean_of_known(np.array([[1.0, np.nan], [3.0, np.nan]])).tolist()
+    [2.0, nan]
     """
     counts = np.broadcast_to(np.isfinite(values) if known is None else known, values.shape)
     count = counts.sum(axis=axis)
@@ -94,18 +125,38 @@ def mean_of_known(values: FloatArray, known: BoolArray | None = None, *, axis: i
 
 
 def clock_departure(time_s: FloatArray, interval_s: float) -> FloatArray:
-    """How far time stamps are from the even clock ``t0 + i * interval_s``, in intervals, shape (T,).
+    """Differences of time stamps from the even clock ``t0 + i * interval_s``, shape (T,) [intervals].
 
     Parameters
     ----------
     time_s
-        Stamps, shape (T,) [s].
+        Time stamps, shape (T,) [s].
     interval_s
-        Between two ticks of the even clock [s].
+        Interval between two ticks of the even clock [s].
+
+    Examples
+    --------
+    >>> clock_departure(np.array([0.0, 0.1, 0.25]), 0.1).round(6).tolist()
+    [0.0, 0.0, 0.5]
     """
     return (time_s - time_s[:1]) / interval_s - np.arange(len(time_s))
 
 
 def is_even_clock(time_s: FloatArray, interval_s: float, *, tolerance: float) -> bool:
-    """Whether no time stamp is further from the even clock of `clock_departure` than the tolerance, in intervals."""
+    """Whether all time stamps are as near to the even clock of `clock_departure` as a tolerance.
+
+    Parameters
+    ----------
+    time_s
+        Time stamps, shape (T,) [s].
+    interval_s
+        Interval between two ticks of the even clock [s].
+    tolerance
+        Largest difference [intervals].
+
+    Examples
+    --------
+    >>> is_even_clock(np.array([0.0, 0.1001, 0.2]), 0.1, tolerance=0.01)
+    True
+    """
     return bool(np.all(np.abs(clock_departure(time_s, interval_s)) <= tolerance))

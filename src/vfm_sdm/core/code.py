@@ -1,4 +1,4 @@
-"""Which code makes a product: modules that a function reaches through its imports, and one hash of their text."""
+"""Code that makes a product: modules that a function reaches through its imports, and one hash of their text."""
 
 import hashlib
 import re
@@ -19,7 +19,19 @@ _IMPORT = re.compile(
 
 
 def modules_used(function: Callable[..., Any]) -> frozenset[str]:
-    """Modules of this package whose names a function uses, by their dotted names."""
+    """Dotted names of the modules of this package whose contents a function uses.
+
+    Parameters
+    ----------
+    function
+        A function of this package.
+
+    Examples
+    --------
+    >>> from vfm_sdm.signals.clocks import interpolate
+    >>> sorted(modules_used(interpolate))
+    ['vfm_sdm.signals.resampling']
+    """
     named = (function.__globals__.get(name) for name in _names(function.__code__))
     found = (getattr(one, "__module__", None) or getattr(one, "__name__", "") for one in named if one is not None)
     return frozenset(
@@ -36,12 +48,12 @@ def code_hash(modules: frozenset[str], *, also: str = "") -> str:
     modules
         Dotted names; those outside this package count by themselves, without what they import.
     also
-        Further text.
+        Further text that enters the hash.
 
     Notes
     -----
     Imports are read from the text, those inside functions too, because networks are imported where they are used.
-    The package's own ``__init__`` names everything and counts for nothing.
+    The package's own ``__init__``, which names everything, is left out.
     """
     digest = hashlib.sha256(also.encode())
     for name in sorted(_reached(modules)):
@@ -84,7 +96,7 @@ def _text(module: str) -> str:
 
 
 def _file(module: str) -> Path | None:
-    """Where a module's text is; ``None`` where there is none."""
+    """File with a module's text; ``None`` where there is none."""
     first, *rest = module.split(".")
     if first != _PACKAGE:
         loaded = getattr(sys.modules.get(module), "__file__", None)

@@ -1,4 +1,4 @@
-"""The labelled datasets that travel between the stages: what they hold, and the checks at the door.
+"""Labelled datasets that travel between the stages: their contents, and the checks of them.
 
 points
     Dims ``view, point, pixel``; ``position`` [px] in the first frame of every view, ``position_std`` [px], ``status``
@@ -11,19 +11,20 @@ tracks
 displacement
     dims ``time, point, axis``; ``displacement`` [mm], ``displacement_std`` [mm] (random part), ``scale_std`` [1]
     (systematic part, dims ``point, axis``), ``position`` [m], ``reprojection_error`` [px], ``status``.
-acceleration, reference
-    A sensor's own clock, even: dims ``time, sensor, axis``; ``acceleration`` [m/s2] or ``displacement`` [mm]; attribute
-    ``sampling_rate_hz``, and of a reference ``onset_s`` (NaN before it) and ``band_hz`` (what it can show).
+
+The datasets of sensors stand in `vfm_sdm.core.sensor_datasets`.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, clock_departure
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.dataset_checks import check_clock, check_variable
 from vfm_sdm.core.statuses import SampleStatus
 from vfm_sdm.errors import DatasetError
 
@@ -32,17 +33,14 @@ __all__ = [
     "PIXEL",
     "STATUS_MEANINGS",
     "STRUCTURE_AXES",
+    "DisplacementArrays",
     "Status",
-    "check_acceleration",
     "check_displacement",
     "check_points",
-    "check_reference",
     "check_tracks",
     "convert_units",
-    "make_acceleration",
     "make_displacement",
     "make_points",
-    "make_reference",
     "make_tracks",
     "status_variable",
     "trusted_values",
@@ -61,24 +59,43 @@ class Status:
     OK, LOST, OUTSIDE, UNRELIABLE, BEHIND = range(len(SampleStatus))
 
 
-_SENSOR_DIMS = ("time", "sensor", "axis")
 _SEVERITY = np.array([0, 2, 3, 1, 4])
-"""Of the codes of `Status`, in their order."""
-_UNEVEN = 0.01
-"""Share of the sampling interval by which a time stamp of a sensor's clock may be off: its stamps are computed from the
-rate, so that only the digits of a stated rate can part them."""
+"""Severity of the codes of `Status`, in their order."""
 _UNIT_FACTORS = {("m", "mm"): 1e3, ("mm", "m"): 1e-3, ("g", "m/s2"): 9.80665, ("m/s2", "g"): 1 / 9.80665}
 
 
 def status_variable(dims: Sequence[str], codes: npt.ArrayLike) -> xr.Variable:
-    """A status variable with its meanings as CF flags."""
+    """A status variable with its meanings as CF flags.
+
+    Parameters
+    ----------
+    dims
+        Names of the dims.
+    codes
+        Codes of `Status`, shape (...), such as one for each frame and point.
+
+    Examples
+    --------
+    >>> status_variable(["time"], [Status.OK, Status.LOST]).attrs["flag_meanings"]
+    'ok lost outside unreliable behind_camera'
+    """
     values = np.asarray(codes, dtype=np.int8)
     flags = np.arange(len(STATUS_MEANINGS), dtype=np.int8)
     return xr.Variable(dims, values, {"flag_values": flags, "flag_meanings": " ".join(STATUS_MEANINGS)})
 
 
 def worst_status(codes: npt.ArrayLike) -> npt.NDArray[np.int8]:
-    """The code of `Status` that says most against a sample, over the first axis: missing before unreliable before ok.
+    """Most severe code of `Status` over the first axis: missing before unreliable before ok.
+
+    Parameters
+    ----------
+    codes
+        Codes of V views, shape (V, ...), such as one for each frame and point.
+
+    Returns
+    -------
+    codes
+        Shape (...).
 
     Examples
     --------
@@ -98,18 +115,18 @@ def make_points(
     position_std: npt.ArrayLike,
     status: npt.ArrayLike,
 ) -> xr.Dataset:
-    """Where named points lie in the first frame of every view.
+    """Places of named points in the first frame of every view.
 
     Parameters
     ----------
     views, points
         Names, lengths V and P.
     position
-        Shape (V, P, 2) [px], full-image pixels; NaN where a point was not found.
+        Positions in full-image pixels, shape (V, P, 2) [px]; NaN where a point was not found.
     position_std
         Standard deviation, shape (V, P, 2) [px]; 0 where a point is where its user named it, NaN where unknown.
     status
-        ``ok`` or why there is no position, shape (V, P).
+        ``ok``, or why there is no position, shape (V, P).
 
     Raises
     ------
@@ -138,16 +155,21 @@ def make_points(
 
 
 def check_points(points: xr.Dataset) -> xr.Dataset:
-    """The same points, after checking dims and units.
+    """The points as given, after checking dims and units.
+
+    Parameters
+    ----------
+    points
+        Points dataset, positions of shape (V, P, 2) [px].
 
     Raises
     ------
     DatasetError
         A variable is missing, or has other dims or units.
     """
-    _check_variable(points, "position", ("view", "point", "pixel"), "px")
-    _check_variable(points, "position_std", ("view", "point", "pixel"), "px")
-    _check_variable(points, "status", ("view", "point"), None)
+    check_variable(points, "position", ("view", "point", "pixel"), "px")
+    check_variable(points, "position_std", ("view", "point", "pixel"), "px")
+    check_variable(points, "status", ("view", "point"), None)
     return points
 
 
@@ -169,18 +191,24 @@ def make_tracks(
     points
         Point names, length P.
     position
-        Shape (T, P, 2) [px], full-image pixels; NaN where lost or outside.
+        Positions in full-image pixels, shape (T, P, 2) [px]; NaN where lost or outside.
     position_covariance
-        Shape (T, P, 2, 2) [px2].
+        Covariances of the positions, shape (T, P, 2, 2) [px2].
     status
         Codes of `Status`, shape (T, P).
     attrs
-        ``tracker``, ``view``, ``image_width``, ``image_height`` and whatever else explains the tracks.
+        ``tracker``, ``view``, ``image_width``, ``image_height`` and other facts about the tracks.
 
     Raises
     ------
     DatasetError
         Shapes disagree or the clock does not increase.
+
+    Examples
+    --------
+    >>> tracks = make_tracks([0.0, 0.1], ["mid"], np.zeros((2, 1, 2)), np.zeros((2, 1, 2, 2)), [[0], [0]], attrs={})
+    >>> tracks["position"].dims, tracks["position"].attrs["units"]
+    (('time', 'point', 'pixel'), 'px')
     """
     try:
         tracks = xr.Dataset(
@@ -208,7 +236,14 @@ def make_tracks(
 
 
 def check_tracks(tracks: xr.Dataset, *, synchronized: bool = False) -> xr.Dataset:
-    """The same tracks, after checking dims, units and clock.
+    """The tracks as given, after checking dims, units and clock.
+
+    Parameters
+    ----------
+    tracks
+        Tracks dataset, positions of shape (T, P, 2) or, with a dim ``view``, (V, T, P, 2) [px].
+    synchronized
+        Whether the tracks must have the dim ``view``.
 
     Raises
     ------
@@ -216,24 +251,45 @@ def check_tracks(tracks: xr.Dataset, *, synchronized: bool = False) -> xr.Datase
         A variable is missing, or has other dims or units; the clock does not increase.
     """
     lead = ("view",) if synchronized else ()
-    _check_variable(tracks, "position", (*lead, "time", "point", "pixel"), "px")
-    _check_variable(tracks, "position_covariance", (*lead, "time", "point", "pixel_a", "pixel_b"), "px2")
-    _check_variable(tracks, "status", (*lead, "time", "point"), None)
-    _check_clock(tracks)
+    check_variable(tracks, "position", (*lead, "time", "point", "pixel"), "px")
+    check_variable(tracks, "position_covariance", (*lead, "time", "point", "pixel_a", "pixel_b"), "px2")
+    check_variable(tracks, "status", (*lead, "time", "point"), None)
+    check_clock(tracks)
     return tracks
+
+
+@dataclass(frozen=True, eq=False)
+class DisplacementArrays:
+    """Displacement of P points at T times along three axes, and what is known of it.
+
+    Parameters
+    ----------
+    displacement_mm, displacement_std_mm
+        Displacement and its standard deviation, which is the random part only, shape (T, P, 3) [mm].
+    scale_std
+        Relative standard deviation of each axis' gain, shape (P, 3) [1]: the systematic part.
+    position_m
+        Positions in the frame named in ``attrs["frame"]``, shape (T, P, 3) [m].
+    reprojection_error_px
+        Root mean square reprojection error, shape (T, P) [px].
+    status
+        Codes of `Status`, shape (T, P).
+    """
+
+    displacement_mm: npt.ArrayLike
+    displacement_std_mm: npt.ArrayLike
+    scale_std: npt.ArrayLike
+    position_m: npt.ArrayLike
+    reprojection_error_px: npt.ArrayLike
+    status: npt.ArrayLike
 
 
 def make_displacement(
     time_s: npt.ArrayLike,
     points: Sequence[str],
     axes: Sequence[str],
+    arrays: DisplacementArrays,
     *,
-    displacement_mm: npt.ArrayLike,
-    displacement_std_mm: npt.ArrayLike,
-    scale_std: npt.ArrayLike,
-    position_m: npt.ArrayLike,
-    reprojection_error_px: npt.ArrayLike,
-    status: npt.ArrayLike,
     attrs: Mapping[str, Any],
 ) -> xr.Dataset:
     """Displacement of points along named axes.
@@ -244,34 +300,45 @@ def make_displacement(
         Common clock, shape (T,) [s].
     points, axes
         Names, lengths P and 3.
-    displacement_mm, displacement_std_mm
-        Shape (T, P, 3) [mm]; the standard deviation is the random part only.
-    scale_std
-        Relative standard deviation of each axis' gain, shape (P, 3) [1]: the systematic part.
-    position_m
-        Shape (T, P, 3) [m], in the frame named in ``attrs["frame"]``.
-    reprojection_error_px
-        Shape (T, P) [px].
-    status
-        Codes of `Status`, shape (T, P).
+    arrays
+        Displacement and what is known of it, of T samples and P points along the axes.
     attrs
-        ``frame`` and whatever else explains the values.
+        ``frame`` and other facts about the values.
 
     Raises
     ------
     DatasetError
         Shapes disagree or the clock does not increase.
+
+    Examples
+    --------
+    >>> displacement = make_displacement(
+    ...     [0.0, 0.1],
+    ...     ["mid"],
+    ...     STRUCTURE_AXES,
+    ...     DisplacementArrays(
+    ...         displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
+    ...         displacement_std_mm=np.full((2, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((2, 1, 3)),
+    ...         reprojection_error_px=np.zeros((2, 1)),
+    ...         status=np.zeros((2, 1)),
+    ...     ),
+    ...     attrs={"frame": "structure"},
+    ... )
+    >>> displacement["displacement"].sel(point="mid", axis="vertical").values.tolist()
+    [0.0, 2.0]
     """
     dims = ("time", "point", "axis")
     try:
         displacement = xr.Dataset(
             {
-                "displacement": (dims, np.asarray(displacement_mm, np.float64), {"units": "mm"}),
-                "displacement_std": (dims, np.asarray(displacement_std_mm, np.float64), {"units": "mm"}),
-                "scale_std": (("point", "axis"), np.asarray(scale_std, np.float64), {"units": "1"}),
-                "position": (dims, np.asarray(position_m, np.float64), {"units": "m"}),
-                "reprojection_error": (dims[:2], np.asarray(reprojection_error_px, np.float64), {"units": "px"}),
-                "status": status_variable(dims[:2], status),
+                "displacement": (dims, np.asarray(arrays.displacement_mm, np.float64), {"units": "mm"}),
+                "displacement_std": (dims, np.asarray(arrays.displacement_std_mm, np.float64), {"units": "mm"}),
+                "scale_std": (("point", "axis"), np.asarray(arrays.scale_std, np.float64), {"units": "1"}),
+                "position": (dims, np.asarray(arrays.position_m, np.float64), {"units": "m"}),
+                "reprojection_error": (dims[:2], np.asarray(arrays.reprojection_error_px, np.float64), {"units": "px"}),
+                "status": status_variable(dims[:2], arrays.status),
             },
             coords={
                 "time": ("time", np.asarray(time_s, np.float64), {"units": "s"}),
@@ -286,7 +353,12 @@ def make_displacement(
 
 
 def check_displacement(displacement: xr.Dataset) -> xr.Dataset:
-    """The same displacement, after checking dims, units and clock.
+    """The displacement as given, after checking dims, units and clock.
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
 
     Raises
     ------
@@ -294,118 +366,14 @@ def check_displacement(displacement: xr.Dataset) -> xr.Dataset:
         A variable is missing, or has other dims or units; the clock does not increase.
     """
     dims = ("time", "point", "axis")
-    _check_variable(displacement, "displacement", dims, "mm")
-    _check_variable(displacement, "displacement_std", dims, "mm")
-    _check_variable(displacement, "scale_std", ("point", "axis"), "1")
-    _check_variable(displacement, "position", dims, "m")
-    _check_variable(displacement, "reprojection_error", dims[:2], "px")
-    _check_variable(displacement, "status", dims[:2], None)
-    _check_clock(displacement)
+    check_variable(displacement, "displacement", dims, "mm")
+    check_variable(displacement, "displacement_std", dims, "mm")
+    check_variable(displacement, "scale_std", ("point", "axis"), "1")
+    check_variable(displacement, "position", dims, "m")
+    check_variable(displacement, "reprojection_error", dims[:2], "px")
+    check_variable(displacement, "status", dims[:2], None)
+    check_clock(displacement)
     return displacement
-
-
-def make_acceleration(
-    time_s: npt.ArrayLike,
-    sensors: Sequence[str],
-    axes: Sequence[str],
-    acceleration: npt.ArrayLike,
-    *,
-    sampling_rate_hz: float,
-    attrs: Mapping[str, Any] | None = None,
-) -> xr.Dataset:
-    """Acceleration of sensors that share a clock.
-
-    Parameters
-    ----------
-    time_s
-        The sensors' clock, ``t0 + i / sampling_rate_hz``, shape (T,) [s].
-    sensors, axes
-        Names, lengths S and A.
-    acceleration
-        Shape (T, S, A) [m/s2], gravity and bias included.
-    sampling_rate_hz
-        Samples a second of that clock [Hz].
-    attrs
-        Whatever else explains the values.
-
-    Raises
-    ------
-    DatasetError
-        Shapes disagree, or the clock is not even.
-    """
-    coords = _sensor_coords(time_s, sensors, axes)
-    signal = {"acceleration": (_SENSOR_DIMS, np.asarray(acceleration, np.float64), {"units": "m/s2"})}
-    try:
-        dataset = xr.Dataset(signal, coords, {"sampling_rate_hz": float(sampling_rate_hz), **(attrs or {})})
-    except ValueError as error:
-        raise DatasetError(f"acceleration: expected shape (time, sensor, axis); {error}") from error
-    return check_acceleration(dataset)
-
-
-def make_reference(
-    time_s: npt.ArrayLike,
-    sensors: Sequence[str],
-    axes: Sequence[str],
-    displacement_mm: npt.ArrayLike,
-    *,
-    sampling_rate_hz: float,
-    onset_s: float,
-    band_hz: tuple[float, float],
-    attrs: Mapping[str, Any] | None = None,
-) -> xr.Dataset:
-    """Reference displacement of sensors that share a clock; arguments as in `make_acceleration`, and these.
-
-    Parameters
-    ----------
-    displacement_mm
-        Shape (T, S, A) [mm]; NaN before the onset.
-    onset_s
-        Where on the clock the motion that was evaluated begins [s].
-    band_hz
-        Frequencies that the reference can show [Hz].
-
-    Raises
-    ------
-    DatasetError
-        Shapes disagree, or the clock is not even.
-    """
-    coords = _sensor_coords(time_s, sensors, axes)
-    signal = {"displacement": (_SENSOR_DIMS, np.asarray(displacement_mm, np.float64), {"units": "mm"})}
-    known = {"sampling_rate_hz": float(sampling_rate_hz), "onset_s": float(onset_s), "band_hz": list(band_hz)}
-    try:
-        dataset = xr.Dataset(signal, coords, {**known, **(attrs or {})})
-    except ValueError as error:
-        raise DatasetError(f"reference: expected shape (time, sensor, axis); {error}") from error
-    return check_reference(dataset)
-
-
-def check_acceleration(acceleration: xr.Dataset) -> xr.Dataset:
-    """The same acceleration, after checking dims, units and clock.
-
-    Raises
-    ------
-    DatasetError
-        The variable is missing, or has other dims or units; the clock is not even.
-    """
-    _check_variable(acceleration, "acceleration", _SENSOR_DIMS, "m/s2")
-    _check_even_clock(acceleration)
-    return acceleration
-
-
-def check_reference(reference: xr.Dataset) -> xr.Dataset:
-    """The same reference displacement, after checking dims, units, clock and attributes.
-
-    Raises
-    ------
-    DatasetError
-        The variable or an attribute is missing, or has other dims or units; the clock is not even.
-    """
-    _check_variable(reference, "displacement", _SENSOR_DIMS, "mm")
-    _check_even_clock(reference)
-    missing = [name for name in ("onset_s", "band_hz") if name not in reference.attrs]
-    if missing:
-        raise DatasetError(f"reference: expected attributes onset_s and band_hz, missing {missing}; set them")
-    return reference
 
 
 def trusted_values(dataset: xr.Dataset, name: str) -> FloatArray:
@@ -414,9 +382,17 @@ def trusted_values(dataset: xr.Dataset, name: str) -> FloatArray:
     Parameters
     ----------
     dataset
-        Tracks or displacement.
+        Tracks, shape (T, P, 2) [px], or displacement, shape (T, P, 3) [mm].
     name
-        The variable, such as ``position`` (time, point, pixel) [px] or ``displacement`` (time, point, axis) [mm].
+        Name of the variable, such as ``position`` (time, point, pixel) [px] or ``displacement`` (time, point, axis)
+        [mm].
+
+    Examples
+    --------
+    >>> position = np.zeros((2, 1, 2))
+    >>> tracks = make_tracks([0.0, 0.1], ["mid"], position, np.zeros((2, 1, 2, 2)), [[0], [Status.LOST]], attrs={})
+    >>> trusted_values(tracks, "position")[:, 0].tolist()
+    [[0.0, 0.0], [nan, nan]]
     """
     ok = dataset["status"].values == Status.OK
     return np.where(ok[..., None], dataset[name].values, np.nan)
@@ -425,10 +401,22 @@ def trusted_values(dataset: xr.Dataset, name: str) -> FloatArray:
 def convert_units(array: xr.DataArray, units: str) -> xr.DataArray:
     """The array in other units, values and ``units`` attribute changed together.
 
+    Parameters
+    ----------
+    array
+        Array of any shape with the attribute ``units``, such as ``m``.
+    units
+        Units wanted, such as ``mm``.
+
     Raises
     ------
     DatasetError
         The array has no units, or no factor between the two is known.
+
+    Examples
+    --------
+    >>> convert_units(xr.DataArray([0.002], attrs={"units": "m"}), "mm").values.tolist()
+    [2.0]
     """
     have = str(array.attrs.get("units"))
     if have == units:
@@ -438,38 +426,3 @@ def convert_units(array: xr.DataArray, units: str) -> xr.DataArray:
     converted: xr.DataArray = array * _UNIT_FACTORS[(have, units)]
     converted.attrs = {**array.attrs, "units": units}
     return converted
-
-
-def _check_variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], units: str | None) -> None:
-    if name not in dataset:
-        raise DatasetError(f"dataset: expected a variable {name!r}, got {sorted(map(str, dataset.data_vars))}")
-    variable = dataset[name]
-    if variable.dims != dims:
-        raise DatasetError(f"{name}: expected dims {dims}, got {variable.dims}; transpose or rename them")
-    if units is not None and variable.attrs.get("units") != units:
-        raise DatasetError(f"{name}: expected units {units!r}, got {variable.attrs.get('units')!r}; convert them")
-
-
-def _check_clock(dataset: xr.Dataset) -> None:
-    time_s = dataset["time"].values
-    if not np.isfinite(time_s).all() or np.any(np.diff(time_s) <= 0):
-        raise DatasetError("time: expected finite, increasing seconds, got repeated or falling stamps; sort the frames")
-
-
-def _check_even_clock(dataset: xr.Dataset) -> None:
-    _check_clock(dataset)
-    rate = float(dataset.attrs.get("sampling_rate_hz", np.nan))
-    if not (rate > 0 and np.isfinite(rate)):
-        raise DatasetError(f"sampling_rate_hz: expected an attribute > 0 Hz, got {rate}; set it")
-    time_s = dataset["time"].values
-    off = np.abs(clock_departure(time_s, 1 / rate))
-    if np.any(off > _UNEVEN):
-        raise DatasetError(
-            f"time: expected t0 + i / {rate:g} s, got {time_s[off > _UNEVEN][0]:.6f} s as sample "
-            f"{np.flatnonzero(off > _UNEVEN)[0]}; cut the recording at the gap, or resample it"
-        )
-
-
-def _sensor_coords(time_s: npt.ArrayLike, sensors: Sequence[str], axes: Sequence[str]) -> dict[str, Any]:
-    time = ("time", np.asarray(time_s, np.float64), {"units": "s"})
-    return {"time": time, "sensor": list(sensors), "axis": list(axes)}

@@ -1,4 +1,4 @@
-"""Files that are either whole or absent: atomic writing, JSON, and the hash that identifies a file's content."""
+"""Files that are either whole or absent: atomic writing, JSON, and hashes that identify a file's content."""
 
 import hashlib
 import json
@@ -35,6 +35,15 @@ def replace_file(path: Path | str) -> Iterator[Path]:
     ------
     OSError
         The folder cannot be made or written to.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     with replace_file(f"{folder}/notes.txt") as temporary:
+    ...         _ = temporary.write_text("whole")
+    ...     print([path.name for path in Path(folder).iterdir()])
+    ['notes.txt']
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -51,10 +60,23 @@ def replace_file(path: Path | str) -> Iterator[Path]:
 def file_hash(path: Path | str) -> str:
     """SHA-256 of a file's content as 64 hexadecimal digits, read in blocks.
 
+    Parameters
+    ----------
+    path
+        The file.
+
     Raises
     ------
     OSError
         The file cannot be read.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "empty").touch()
+    ...     print(file_hash(Path(folder, "empty"))[:8])
+    e3b0c442
     """
     digest = hashlib.sha256()
     with Path(path).open("rb") as stream:
@@ -64,14 +86,14 @@ def file_hash(path: Path | str) -> str:
 
 
 def file_fingerprint(path: Path | str, *, whole: bool = False) -> str:
-    """What tells a file's content from another's, in time that does not grow with its size.
+    """Text that identifies a file's content, found in a time that does not grow with the file's size.
 
     Parameters
     ----------
     path
         The file.
     whole
-        Whether to read all of it.
+        Whether to read the whole file.
 
     Returns
     -------
@@ -88,6 +110,14 @@ def file_fingerprint(path: Path | str, *, whole: bool = False) -> str:
     -----
     A change that keeps the size of a large file, falls between the blocks and hides its time stamp is not seen; ask for
     the whole content where somebody might do that.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "empty").touch()
+    ...     print(file_fingerprint(Path(folder, "empty"))[:8])
+    e3b0c442
     """
     place = Path(path)
     status = place.stat()
@@ -111,14 +141,24 @@ def write_json(path: Path, content: Mapping[str, Any], *, label: str) -> Path:
     content
         Tables and lists of text, numbers, truth values, NumPy scalars and arrays, paths and ``None``.
     label
-        What messages call the table.
+        Name of the table in messages.
 
     Raises
     ------
     ResultsError
         The file cannot be written, or a value is of another type.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = write_json(Path(folder, "table.json"), {"gain": np.float64("nan")}, label="table")
+    ...     print(path.read_text())
+    {
+      "gain": null
+    }
     """
-    text = json.dumps(_jsonable(content, label), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(_convert_for_json(content, label), indent=2, ensure_ascii=False, allow_nan=False)
     try:
         with replace_file(path) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
@@ -127,13 +167,13 @@ def write_json(path: Path, content: Mapping[str, Any], *, label: str) -> Path:
     return path
 
 
-def _jsonable(value: Any, label: str) -> Any:
+def _convert_for_json(value: Any, label: str) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): _jsonable(inner, f"{label}.{key}") for key, inner in value.items()}
+        return {str(key): _convert_for_json(inner, f"{label}.{key}") for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_jsonable(inner, f"{label}[{index}]") for index, inner in enumerate(value)]
+        return [_convert_for_json(inner, f"{label}[{index}]") for index, inner in enumerate(value)]
     if isinstance(value, np.ndarray | np.generic):
-        return _jsonable(value.tolist(), label)
+        return _convert_for_json(value.tolist(), label)
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     if value is None or isinstance(value, str | int):

@@ -28,7 +28,7 @@ __all__ = [
 _ENGINE: Final = "h5netcdf"
 _JSON = "json:"
 _READ_ERRORS = (OSError, ValueError, KeyError, RuntimeError, TypeError)
-"""What xarray, h5netcdf and HDF5 raise on files that are damaged or hold something else."""
+"""Errors of xarray, h5netcdf and HDF5 on files that are damaged or hold something else."""
 
 
 def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
@@ -39,15 +39,25 @@ def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
     path
         The file to make or replace; its folder is made when absent.
     dataset
-        Attributes may be text, numbers, lists, ``None`` and tables of these; see `storable`.
+        Dataset with variables of any shape and unit, such as px or mm. Attributes may be text, numbers, lists, ``None``
+        and tables of these; see `storable`.
 
     Raises
     ------
     ResultsError
         The file cannot be written, or an attribute cannot be stored.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> dataset = xr.Dataset({"length": ("bay", [2.4, 2.4], {"units": "m"})}, attrs={"notes": ["measured", None]})
+    >>> with TemporaryDirectory() as folder:
+    ...     path = write_dataset(f"{folder}/lengths.nc", dataset)
+    ...     print(read_dataset(path, lambda found: found, kind="lengths", command="make").attrs)
+    {'notes': ['measured', None]}
     """
     target, stored = Path(path), storable(dataset)
-    _write(target, lambda path: stored.to_netcdf(path, engine=_ENGINE, encoding=_compression(stored)))
+    _write(target, lambda path: stored.to_netcdf(path, engine=_ENGINE, encoding=_choose_compression(stored)))
     return target
 
 
@@ -59,28 +69,31 @@ def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *,
     path
         The file.
     check
-        Gives the dataset back, or says in a `DatasetError` why it is not of the kind expected.
+        Function that returns the dataset, or raises a `DatasetError` where it is not of the expected kind.
     kind, command
-        For messages: what the file should hold, and which command makes it.
+        Kind of the dataset, and the command that makes it; for messages.
 
     Raises
     ------
     ResultsError
         The file is missing, damaged or holds something else.
     """
-    with _reading(Path(path), kind, command), xr.open_dataset(path, engine=_ENGINE, decode_times=False) as dataset:
-        return check(_restored(dataset.load()))
+    with (
+        _translate_errors(Path(path), kind, command),
+        xr.open_dataset(path, engine=_ENGINE, decode_times=False) as dataset,
+    ):
+        return check(_restore(dataset.load()))
 
 
 def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -> Path:
-    """Writes ``tracks.nc`` with one netCDF group a view, in the order given.
+    """Writes ``tracks.nc`` with one netCDF group for each view, in the order given.
 
     Parameters
     ----------
     folder
         The run folder; made when absent.
     tracks_by_view
-        One tracks dataset a view (see `vfm_sdm.core.datasets`), each with its own clock.
+        Tracks by view, shape (T, P, 2) [px], each with its own clock.
 
     Raises
     ------
@@ -88,6 +101,15 @@ def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -
         The file cannot be written, a view's name holds a slash, or an attribute cannot be stored.
     DatasetError
         A dataset does not hold tracks.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> tracks = make_tracks([0.0, 0.1], ["mid"], np.zeros((2, 1, 2)), np.zeros((2, 1, 2, 2)), [[0], [0]], attrs={})
+    >>> with TemporaryDirectory() as folder:
+    ...     print(list(read_tracks(write_tracks(folder, {"left": tracks, "right": tracks}))))
+    ['left', 'right']
     """
     target = Path(folder) / "tracks.nc"
     if not tracks_by_view:
@@ -97,7 +119,7 @@ def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -
             raise ResultsError(f"{target}: expected view names without slashes, got {name!r}; rename the view")
     groups = {f"/{name}": storable(check_tracks(tracks)) for name, tracks in tracks_by_view.items()}
     tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"views": _JSON + json.dumps(list(tracks_by_view))}), **groups})
-    encoding: dict[str, Any] = {name: _compression(group) for name, group in groups.items()}
+    encoding: dict[str, Any] = {name: _choose_compression(group) for name, group in groups.items()}
     _write(target, lambda path: tree.to_netcdf(path, engine=_ENGINE, encoding=encoding))
     return target
 
@@ -110,18 +132,23 @@ def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
     path
         A run folder or the file itself.
 
+    Returns
+    -------
+    tracks
+        Tracks by view, shape (T, P, 2) [px].
+
     Raises
     ------
     ResultsError
         The file is missing, damaged or does not hold tracks.
     """
-    file = _file_in(path, "tracks.nc")
+    file = _find_file(path, "tracks.nc")
     with (
-        _reading(file, "tracks", "vfm-sdm track"),
+        _translate_errors(file, "tracks", "vfm-sdm track"),
         xr.open_datatree(file, engine=_ENGINE, decode_times=False) as tree,
     ):
-        views = _decoded(tree.attrs).get("views", list(tree.children))
-        return {name: check_tracks(_restored(tree.children[name].to_dataset().load())) for name in views}
+        views = _decode(tree.attrs).get("views", list(tree.children))
+        return {name: check_tracks(_restore(tree.children[name].to_dataset().load())) for name in views}
 
 
 def write_points(folder: Path | str, points: xr.Dataset) -> Path:
@@ -132,7 +159,7 @@ def write_points(folder: Path | str, points: xr.Dataset) -> Path:
     folder
         The run folder; made when absent.
     points
-        See `vfm_sdm.core.datasets`.
+        Points dataset, shape (V, P, 2) [px].
 
     Raises
     ------
@@ -152,12 +179,17 @@ def read_points(path: Path | str) -> xr.Dataset:
     path
         A run folder or the file itself.
 
+    Returns
+    -------
+    points
+        Points dataset, shape (V, P, 2) [px].
+
     Raises
     ------
     ResultsError
         The file is missing, damaged or does not hold points.
     """
-    return read_dataset(_file_in(path, "points.nc"), check_points, kind="points", command="vfm-sdm cameras")
+    return read_dataset(_find_file(path, "points.nc"), check_points, kind="points", command="vfm-sdm cameras")
 
 
 def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
@@ -168,7 +200,8 @@ def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
     folder
         The run folder; made when absent.
     displacement
-        See `vfm_sdm.core.datasets`. Attributes may be text, numbers, lists, ``None`` and tables of these.
+        Displacement dataset, shape (T, P, 3) [mm]. Attributes may be text, numbers, lists, ``None`` and tables of
+        these.
 
     Raises
     ------
@@ -188,22 +221,27 @@ def read_displacement(path: Path | str) -> xr.Dataset:
     path
         A run folder or the file itself.
 
+    Returns
+    -------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
+
     Raises
     ------
     ResultsError
         The file is missing, damaged or does not hold displacement.
     """
-    file = _file_in(path, "displacement.nc")
+    file = _find_file(path, "displacement.nc")
     return read_dataset(file, check_displacement, kind="displacement", command="vfm-sdm measure")
 
 
-def _file_in(path: Path | str, name: str) -> Path:
+def _find_file(path: Path | str, name: str) -> Path:
     return Path(path) / name if Path(path).is_dir() else Path(path)
 
 
 @contextmanager
-def _reading(file: Path, kind: str, command: str) -> Iterator[None]:
-    """Errors of reading a file, said as errors of the result that it should hold."""
+def _translate_errors(file: Path, kind: str, command: str) -> Iterator[None]:
+    """Turns errors of reading a file into errors of the result that it should hold."""
     if not file.is_file():
         raise ResultsError(f"{file}: expected {kind}, got no such file; check the folder or run `{command}`")
     try:
@@ -222,7 +260,7 @@ def _write(target: Path, write: Callable[[Path], object]) -> None:
         raise ResultsError(f"{target}: expected to write it, got: {error}; free space or choose a folder") from error
 
 
-def _compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+def _choose_compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     return {
         str(name): {"zlib": True, "complevel": 1, "shuffle": True}
         for name, variable in dataset.data_vars.items()
@@ -231,29 +269,39 @@ def _compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 
 def storable(dataset: xr.Dataset) -> xr.Dataset:
-    """A copy whose attributes netCDF can hold, without hints from an earlier file.
+    """A copy whose attributes netCDF can hold, without the encoding of an earlier file.
+
+    Parameters
+    ----------
+    dataset
+        Dataset with variables of any shape.
 
     Raises
     ------
     ResultsError
         An attribute cannot be stored.
+
+    Examples
+    --------
+    >>> storable(xr.Dataset(attrs={"weights": None})).attrs
+    {'weights': 'json:null'}
     """
     copy = dataset.drop_encoding().copy()
-    copy.attrs = _encoded(dataset.attrs)
+    copy.attrs = _encode(dataset.attrs)
     for name in copy.variables:
-        copy[name].attrs = _encoded(dataset[name].attrs)
+        copy[name].attrs = _encode(dataset[name].attrs)
     return copy
 
 
-def _restored(dataset: xr.Dataset) -> xr.Dataset:
+def _restore(dataset: xr.Dataset) -> xr.Dataset:
     copy = dataset.copy()
-    copy.attrs = _decoded(copy.attrs)
+    copy.attrs = _decode(copy.attrs)
     for name in copy.variables:
-        copy[name].attrs = _decoded(copy[name].attrs)
+        copy[name].attrs = _decode(copy[name].attrs)
     return copy
 
 
-def _encoded(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+def _encode(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     """Attributes as netCDF knows them: text and numbers as they are, everything else as JSON text."""
     encoded: dict[str, Any] = {}
     for key, value in attrs.items():
@@ -285,7 +333,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(type(value).__name__)
 
 
-def _decoded(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+def _decode(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     return {
         str(key): json.loads(value.removeprefix(_JSON)) if isinstance(value, str) and value.startswith(_JSON) else value
         for key, value in attrs.items()

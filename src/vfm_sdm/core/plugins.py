@@ -1,4 +1,4 @@
-"""Parts that other packages announce through entry points, looked for when asked and imported only when used."""
+"""Parts that other packages announce through entry points; they are imported only when they are used."""
 
 import re
 from collections.abc import Mapping
@@ -18,7 +18,13 @@ _DECLARED = {"reads": tuple, "made_of": tuple, "chooses": tuple, "needs": Needs,
 
 
 def announced(kind: Kind) -> Mapping[str, tuple[EntryPoint, ...]]:
-    """Entry points of a kind by name; several where packages announce the same name. Nothing is imported."""
+    """Entry points of a kind by name; several where packages announce the same name. Nothing is imported.
+
+    Parameters
+    ----------
+    kind
+        Kind of the parts.
+    """
     found: dict[str, tuple[EntryPoint, ...]] = {}
     for entry in entry_points(group=KINDS[kind].group):
         found[entry.name] = (*found.get(entry.name, ()), entry)
@@ -26,12 +32,18 @@ def announced(kind: Kind) -> Mapping[str, tuple[EntryPoint, ...]]:
 
 
 def origin(entry: EntryPoint) -> str:
-    """Name and version of the package that announces an entry point."""
+    """Name and version of the package that announces an entry point.
+
+    Parameters
+    ----------
+    entry
+        The entry point.
+    """
     return "an unnamed package" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
 
 
 def load_plugin(kind: Kind, entry: EntryPoint) -> Part:
-    """The part of an entry point, with what its class says of itself.
+    """The part of an entry point, with the declarations of its class.
 
     The class may have the attributes ``reads``, ``made_of``, ``chooses``, ``needs`` and ``requires``, with the meaning
     that they have for `vfm_sdm.core.parts.Part`, and ``Settings``, the model of its table ``[method.NAME]``.
@@ -39,7 +51,7 @@ def load_plugin(kind: Kind, entry: EntryPoint) -> Part:
     Raises
     ------
     BackendUnavailableError
-        It cannot be imported, or is not what a part of this kind has to be.
+        The part cannot be imported, or does not have what a part of this kind needs.
     """
     info = KINDS[kind]
     label = f"{info.word} {entry.name!r} of {origin(entry)}"
@@ -61,7 +73,7 @@ def load_plugin(kind: Kind, entry: EntryPoint) -> Part:
 
 
 def _fault(kind: Kind, made: Any, declared: Mapping[str, Any]) -> str | None:
-    """What is wrong with a loaded part or with what it declares; ``None`` where nothing is."""
+    """Sentence on what is wrong with a loaded part or its declarations; ``None`` where nothing is."""
     method = KINDS[kind].calls
     if method and not (isinstance(made, type) and callable(getattr(made, method, None))):
         return f"expected a class with the method {method}, got {made!r:.60}"

@@ -30,36 +30,43 @@ class Settings(Protocol):
     """Settings of which a part can be taken."""
 
     def narrowed(self, reads: Sequence[str]) -> Self:
-        """The same with everything but the named fields at its default."""
+        """The settings with everything but the named fields at its default.
+
+        Parameters
+        ----------
+        reads
+            Dotted names of the fields that keep their values.
+        """
         ...
 
     def as_fields(self) -> Mapping[str, Any]:
-        """Its fields as plain tables."""
+        """Fields of the settings as plain tables."""
         ...
 
 
 @dataclass(frozen=True)
 class Kept(Generic[T]):
-    """How a product is kept in the run folder.
+    """File of a product in the run folder.
 
     Parameters
     ----------
     file
-        Its name there.
+        Name of the file.
     read
-        Yields product and key of the file at a path; ``None`` for a product that is made anew at every run.
+        Function that returns product and key of the file at a path; ``None`` for a product that is made anew at every
+        run.
     write
-        Writes a product and its key to the file at a path, whole or not at all.
+        Function that writes a product and its key to the file at a path, whole or not at all.
     """
 
     file: str
     read: Callable[[Path], tuple[T, str]] | None
-    write: Callable[[Path, T, str], object]
+    write: Callable[[Path, T, Mapping[str, str]], object]
 
 
 @dataclass(frozen=True)
 class _Declared:
-    """What a product is made of; see `product`."""
+    """Declarations of a product; see `product`."""
 
     reads: tuple[str, ...]
     needs: tuple[str, ...]
@@ -99,11 +106,12 @@ class product:  # noqa: N801  (a decorator)
     parts
         Kinds of interchangeable parts that it uses; their settings need not be named.
     kept
-        How it is kept in the run folder; without, it lives in memory only.
+        File of the product in the run folder; without one, it is in memory only.
     label
-        What summaries and progress call it; its name where nothing is said.
+        Name of the product in summaries and progress; the method's name by default.
     identity
-        A product as plain tables, where equal products made of different inputs must count as the same.
+        Function that gives a product as plain tables, where equal products made of different inputs must count as the
+        same.
     """
 
     def __init__(
@@ -130,9 +138,9 @@ class Chain(Generic[S]):
     Parameters
     ----------
     settings
-        What products read from.
+        Settings that the products read.
     folder
-        Where products are kept; ``None`` keeps all in memory.
+        Folder of the products' files; ``None`` keeps all products in memory.
 
     Attributes
     ----------
@@ -172,12 +180,12 @@ class Chain(Generic[S]):
         return self
 
     def inputs_of(self, settings: S) -> Mapping[str, str]:
-        """Hashes of the files that settings name, by what the key calls them; none here."""
+        """Hashes of the files that settings name, by their names in the key; none here."""
         del settings
         return {}
 
     def part_of(self, kind: Kind) -> Mapping[str, Any]:
-        """What tells an interchangeable part of this kind from another; see `product`."""
+        """Facts that tell an interchangeable part of this kind from another; see `product`."""
         raise NotImplementedError(kind)
 
     def part_settings(self, kind: Kind) -> Sequence[str]:
@@ -188,8 +196,12 @@ class Chain(Generic[S]):
         """Modules of the chosen part of this kind."""
         raise NotImplementedError(kind)
 
+    def marks(self) -> Mapping[str, str]:
+        """What a kept product says of where it comes from, beside its key."""
+        return {}
+
     def versions(self) -> Mapping[str, str]:
-        """Versions of what every product depends on."""
+        """Versions of the programs that every product depends on."""
         return {}
 
     def ask(self, wanted: Product[T]) -> T:
@@ -201,12 +213,17 @@ class Chain(Generic[S]):
         return cast(T, self._values[wanted.name])
 
     def check_outside(self, what: str) -> None:
-        """Refuses what no product may read, while one is made.
+        """Refuses access to what no product may read, while a product is made.
+
+        Parameters
+        ----------
+        what
+            Name of what is asked for, for the message.
 
         Raises
         ------
         RuntimeError
-            One is being made.
+            A product is being made.
         """
         if self._asking:
             raise RuntimeError(f"product {self._asking[-1].name!r} reads {what}; declare what it needs of it")
@@ -217,17 +234,17 @@ class Chain(Generic[S]):
         Raises
         ------
         RuntimeError
-            It does not.
+            The product in the making does not declare the part.
         """
         if self._asking and kind not in self._asking[-1].parts:
             raise RuntimeError(f"product {self._asking[-1].name!r} uses a part {kind!r} and does not declare it")
 
     def key(self, name: str) -> str:
-        """What a product of this name is made of, as one hash of 64 hexadecimal digits."""
+        """Key of a product: one hash, 64 hexadecimal digits, of all that it is made of."""
         if name not in self._keys:
             one = self.product(name)
             if one.identity is not None:
-                with self._outside():
+                with self._step_outside():
                     made_of = [name, one.identity(self.ask(one))]
             else:
                 made_of = [name, self.ingredients(one)]
@@ -236,14 +253,14 @@ class Chain(Generic[S]):
         return self._keys[name]
 
     def ingredients(self, one: Product[Any]) -> Mapping[str, Any]:
-        """All that a product is made of, as plain tables: what its key is the hash of."""
-        settings = self._narrowed(one)
+        """All that a product is made of, as plain tables, whose hash is its key."""
+        settings = self._narrow_settings(one)
         return {
             "settings": settings.as_fields(),
             "files": dict(self.inputs_of(settings)),
             "products": {need: self.key(need) for need in one.needs},
             "parts": {kind: dict(self.part_of(kind)) for kind in one.parts},
-            "code": self._code(one),
+            "code": self._hash_code(one),
             "versions": dict(self.versions()),
         }
 
@@ -255,11 +272,12 @@ class Chain(Generic[S]):
     @classmethod
     def products(cls) -> tuple[str, ...]:
         """Names of all products in the order in which they are written."""
-        return tuple(name for name, one in vars(cls).items() if isinstance(one, Product))
+        members = (item for base in reversed(cls.__mro__) for item in vars(base).items())
+        return tuple(dict.fromkeys(name for name, one in members if isinstance(one, Product)))
 
     def _fetch(self, wanted: Product[T]) -> T:
         path = None if self.folder is None or wanted.kept is None else self.folder / wanted.kept.file
-        key = self._made_of(wanted) if path is not None else ""
+        key = self._compute_input_key(wanted) if path is not None else ""
         if path is not None and wanted.kept is not None and wanted.kept.read is not None and path.exists():
             try:
                 found, known = wanted.kept.read(path)
@@ -268,7 +286,7 @@ class Chain(Generic[S]):
             if known == key:
                 self.reused.append(wanted.label)
                 return found
-        settings = self._narrowed(wanted)
+        settings = self._narrow_settings(wanted)
         self._asking.append(wanted)
         try:
             with self.timed(wanted.label):
@@ -280,26 +298,26 @@ class Chain(Generic[S]):
             if value is None:
                 path.unlink(missing_ok=True)  # of an earlier run, which had one
             else:
-                wanted.kept.write(path, value, key)
+                wanted.kept.write(path, value, {"key": key, **self.marks()})
         return value
 
-    def _made_of(self, wanted: Product[Any]) -> str:
+    def _compute_input_key(self, wanted: Product[Any]) -> str:
         """Key of the inputs of a product, also where the product's own key is its content."""
         if wanted.identity is None:
             return self.key(wanted.name)
         text = json.dumps([wanted.name, self.ingredients(wanted)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def _narrowed(self, one: Product[Any]) -> S:
+    def _narrow_settings(self, one: Product[Any]) -> S:
         of_parts = [name for kind in one.parts for name in self.part_settings(kind)]
         return self._settings.narrowed([*one.reads, *of_parts])
 
-    def _code(self, one: Product[Any]) -> str:
+    def _hash_code(self, one: Product[Any]) -> str:
         modules = {*modules_used(one.make), *(m for kind in one.parts for m in self.part_modules(kind))}
         return code_hash(frozenset(modules), also=inspect.getsource(one.make))
 
     @contextmanager
-    def _outside(self) -> Iterator[None]:
+    def _step_outside(self) -> Iterator[None]:
         """Asks for a product beside the one in the making."""
         asking, self._asking = self._asking, []
         try:

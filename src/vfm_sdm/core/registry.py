@@ -1,7 +1,7 @@
 """Interchangeable parts found by name: this package's own and other packages', made with a session's settings.
 
-A part is imported only when it is asked for. What it declares to read of ``[method]`` is all that it is given, so a key
-made of `settings_read` and `code_modules` cannot leave out a setting that the part depends on.
+A part is imported only when it is asked for. It is given only the fields of ``[method]`` that it declares to read, so a
+key made of `settings_read` and `code_modules` cannot leave out a setting that the part depends on.
 """
 
 from collections.abc import Iterable, Mapping
@@ -31,12 +31,18 @@ __all__ = [
 
 
 def part_names(kind: Kind) -> list[str]:
-    """Names of all parts of a kind, this package's own first; nothing is imported."""
+    """Names of all parts of a kind, this package's own first; nothing is imported.
+
+    Examples
+    --------
+    >>> part_names("trackers")[:2]
+    ['icgn', 'template']
+    """
     return [*BUILT_IN[kind], *sorted(set(announced(kind)) - set(BUILT_IN[kind]))]
 
 
 def explain_unknown(kind: Kind, name: str) -> str | None:
-    """What to say of a name that no part has: expected, got, do; ``None`` where there is such a part.
+    """Message on a name that no part has (expected, got, do); ``None`` where there is such a part.
 
     Examples
     --------
@@ -59,7 +65,12 @@ def find(kind: Kind, name: str) -> Part:
     Raises
     ------
     BackendUnavailableError
-        There is none, several packages claim the name, or the package that brings it is broken.
+        There is no such part, several packages claim the name, or the package that brings it is broken.
+
+    Examples
+    --------
+    >>> find("trackers", "icgn").module
+    'vfm_sdm.stages.tracking.icgn'
     """
     if unknown := explain_unknown(kind, name):
         raise BackendUnavailableError(f"{KINDS[kind].word}: {unknown}")
@@ -74,7 +85,14 @@ def find(kind: Kind, name: str) -> Part:
 
 
 def chosen_name(kind: Kind, method: object) -> str:
-    """Name of the part of this kind that ``[method]`` of a session asks for."""
+    """Name of the part of this kind that ``[method]`` of a session asks for.
+
+    Examples
+    --------
+    >>> from vfm_sdm.inputs.session import Method
+    >>> chosen_name("trackers", Method())
+    'icgn'
+    """
     return str(attrgetter(KINDS[kind].field)(method))
 
 
@@ -84,7 +102,7 @@ def parts_of(kind: Kind, name: str, method: object | None = None) -> dict[tuple[
     Parameters
     ----------
     kind, name
-        Of the part.
+        Kind and name of the part.
     method
         ``[method]`` of a session: with it, the parts that the session chooses for this one are among them.
 
@@ -108,7 +126,7 @@ def make(kind: Kind, method: object) -> Any:
     Parameters
     ----------
     kind
-        One of those that a session names.
+        Kind of the part, one of those that a session names.
     method
         ``[method]`` of the session, with paths resolved.
 
@@ -128,7 +146,7 @@ def make(kind: Kind, method: object) -> Any:
 
 
 def settings_read(kind: Kind, method: object) -> dict[str, Any]:
-    """Every setting of ``[method]`` that the chosen part and those it is made of read, by dotted name, as for JSON.
+    """Settings of ``[method]`` that the chosen part and its own parts read, by dotted name, ready for JSON.
 
     The name of the part is among them; a table of its own is under the part's name, unless the session has none, which
     stands for its defaults.
@@ -156,7 +174,7 @@ def settings_read(kind: Kind, method: object) -> dict[str, Any]:
 
 
 def code_modules(kind: Kind, method: object) -> tuple[str, ...]:
-    """Modules with the code of the chosen part and of those it is made of; of another package, name and version too.
+    """Modules with the code of the chosen part and its own parts; for other packages, name and version too.
 
     Returns
     -------
@@ -209,7 +227,10 @@ def _only(root: str, reads: Iterable[str], method: object, name: str) -> Any:
     if root in reads or not isinstance(value, BaseModel):
         return value
     declared = {read.partition(".")[2] for read in reads if read.startswith(f"{root}.")}
-    others = {key: field.get_default(call_default_factory=True) for key, field in type(value).model_fields.items()}
+    others = {
+        key: field.get_default(call_default_factory=True, validated_data={})
+        for key, field in type(value).model_fields.items()
+    }
     return value.model_copy(update={key: default for key, default in others.items() if key not in declared})
 
 

@@ -1,4 +1,4 @@
-"""Versions of what a result depends on."""
+"""Versions of the programs that a result depends on."""
 
 import platform
 from contextlib import suppress
@@ -11,7 +11,7 @@ _OPTIONAL = ("torch", "pycolmap", "transformers")
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of Python, of this package and of those that compute something, by name."""
+    """Versions of Python, of this package and of the packages that it computes with, by name."""
     found = {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
     for name in _OPTIONAL:
         with suppress(PackageNotFoundError):

@@ -1,4 +1,4 @@
-"""How uncertainty of pixels and of cameras becomes uncertainty of displacement (first order, as in the GUM)."""
+"""Propagation of the uncertainty of pixels and cameras to displacement (first order, as in the GUM)."""
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ def triangulation_jacobian(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.Ar
     Parameters
     ----------
     points2d
-        Shape (V, P, 2) [px]; NaN where one of more than two views does not see a point.
+        Pixels in every view, shape (V, P, 2) [px]; NaN where one of more than two views does not see a point.
     rig
         V cameras.
     weights
@@ -35,8 +35,19 @@ def triangulation_jacobian(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.Ar
     Returns
     -------
     jacobian
-        Shape (P, 3, V, 2) [length unit of the rig per px], first camera's frame; central differences. Zero for a view
-        that does not see a point.
+        Derivative by central differences in the first camera's frame, shape (P, 3, V, 2) [length unit of the rig per
+        px]; zero for a view that does not see a point.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> pixels = np.stack([camera.project([[1.0, 0.5, 25.0]]) for camera in rig.cameras])
+    >>> jacobian = triangulation_jacobian(pixels, rig)
+    >>> (1e3 * jacobian[0, 1, :, 1]).round(2).tolist()
+    [3.13, 3.13]
     """
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
     jacobian = np.empty((u.shape[1], 3, len(rig), 2))
@@ -55,14 +66,26 @@ def compute_position_covariance(jacobian: FloatArray, pixel_covariance: npt.Arra
     Parameters
     ----------
     jacobian
-        Shape (P, 3, V, 2), of `triangulation_jacobian`.
+        Result of `triangulation_jacobian`, shape (P, 3, V, 2) [length unit of the rig per px].
     pixel_covariance
-        Shape (V, T, P, 2, 2) [px2].
+        Covariances of the pixels, shape (V, T, P, 2, 2) [px2].
 
     Returns
     -------
     covariance
-        Shape (T, P, 3, 3) [length unit squared].
+        Shape (T, P, 3, 3) [length unit of the rig, squared].
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> pixels = np.stack([camera.project([[1.0, 0.5, 25.0]]) for camera in rig.cameras])
+    >>> noise = np.tile(0.01**2 * np.eye(2), (2, 1, 1, 1, 1))
+    >>> covariance = compute_position_covariance(triangulation_jacobian(pixels, rig), noise)
+    >>> (1e3 * np.sqrt(np.diag(covariance[0, 0]))).round(3).tolist()
+    [0.049, 0.046, 0.552]
     """
     covariance = as_float_array(pixel_covariance, "pixel_covariance", (-1, 2, 2))
     return np.asarray(np.einsum("pivk,vtpkl,pjvl->tpij", jacobian, covariance, jacobian, optimize=True))
@@ -70,9 +93,6 @@ def compute_position_covariance(jacobian: FloatArray, pixel_covariance: npt.Arra
 
 def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | None = None) -> FloatArray:
     """Change of the displacement gain matrix with every camera parameter.
-
-    A true small displacement ``d`` moves the pixels by ``P d``; with wrong camera parameters it is measured as
-    ``M d``, where ``M = J P`` is the identity for right ones. This is the derivative of ``M``.
 
     Parameters
     ----------
@@ -82,12 +102,18 @@ def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.
     Returns
     -------
     sensitivity
-        Shape (P, 10 V, 3, 3), first camera's frame; parameters in the order of the rig's covariance.
+        Derivative in the first camera's frame, shape (P, 10 V, 3, 3) [1 per unit of the parameter]; parameters in the
+        order of the rig's covariance.
+
+    Notes
+    -----
+    A true small displacement ``d`` moves the pixels by ``P d``; with wrong camera parameters it is measured as
+    ``M d``, where ``M = J P`` is the identity for the right ones. The sensitivity is the derivative of ``M``.
     """
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
     points = u.shape[1]
     projection = _projection_jacobian(triangulate(u, rig, weights=weights), rig)
-    if len(rig) > 2:  # a view that does not see a point says nothing, even where the point lies behind it
+    if len(rig) > 2:  # a view that does not see a point counts for nothing, even where the point lies behind it
         seen = np.asarray(np.isfinite(u).all(axis=-1))
         projection = np.where(seen.T[:, :, None, None], projection, 0.0)
     size = len(CAMERA_PARAMETERS)
@@ -111,19 +137,24 @@ def compute_gain_covariance(
     Parameters
     ----------
     sensitivity
-        Shape (P, 10 V, 3, 3), of `compute_gain_sensitivity`.
+        Result of `compute_gain_sensitivity`, shape (P, 10 V, 3, 3).
     rotation
-        ``structure_from_cam1`` or the identity, shape (3, 3): the axes of the result.
+        ``structure_from_cam1`` or the identity, shape (3, 3) [1]: the axes of the result.
     covariance
-        Shape (10 V + 3, 10 V + 3): camera parameters, then a small rotation vector of the axes [rad].
+        Covariance of the camera parameters, then of a small rotation vector of the axes [rad], shape
+        (10 V + 3, 10 V + 3).
     refinement_gain
-        Refined displacement from displacement as the images alone give it, shape (P, 3, 3) [1].
+        Gain from displacement as the images alone give it to refined displacement, shape (P, 3, 3) [1].
 
     Returns
     -------
     gain_covariance
-        Shape (P, 3, 3, 3) [1]: element (a, b, c) is the covariance of the relative errors of axis ``a`` from motions
-        along axes ``b`` and ``c``. A displacement d has the variance ``d' C_a d`` along axis a.
+        Covariance, shape (P, 3, 3, 3) [1]: element (a, b, c) is the covariance of the relative errors of axis ``a``
+        from motions along axes ``b`` and ``c``. A displacement d has the variance ``d' C_a d`` along axis a.
+
+    References
+    ----------
+    .. [1] JCGM 100:2008. Evaluation of measurement data: guide to the expression of uncertainty in measurement (GUM).
     """
     turned = np.einsum("ai,pnij,bj->pnab", rotation, sensitivity, rotation)
     # An error w of the rotation structure_from_cam1 turns a displacement d into d + w x d.
@@ -147,8 +178,21 @@ def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: 
     Returns
     -------
     gain_std
-        Shape (P, 3, 3) [1]: element (a, b) is the relative error of axis ``a`` from motion along axis ``b``; the
-        diagonal is the standard deviation of the scale of each axis, the rest is leakage between axes.
+        Standard deviation, shape (P, 3, 3) [1]: element (a, b) is the relative error of axis ``a`` from motion along
+        axis ``b``; the diagonal is the standard deviation of the scale of each axis, the rest is leakage between axes.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> pixels = np.stack([camera.project([[1.0, 0.5, 25.0]]) for camera in rig.cameras])
+    >>> focal = np.zeros((23, 23))
+    >>> focal[0, 0] = focal[10, 10] = focal[0, 10] = focal[10, 0] = 0.01**2
+    >>> gain_std = compute_gain_std(compute_gain_sensitivity(pixels, rig), np.eye(3), focal)
+    >>> np.diag(gain_std[0]).round(4).tolist()
+    [0.0, 0.0, 0.01]
     """
     variance = np.einsum("pabb->pab", compute_gain_covariance(sensitivity, rotation, covariance))
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

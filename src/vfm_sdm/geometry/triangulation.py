@@ -37,17 +37,17 @@ def triangulate(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | N
     Parameters
     ----------
     points2d
-        Shape (V, ..., 2) [px]: one entry a camera of the rig, distorted full-image pixels; NaN where a view does not
-        see a point.
+        Distorted full-image pixels, one entry for each camera of the rig, shape (V, ..., 2) [px]; NaN where a view does
+        not see a point.
     rig
         V >= 2 cameras.
     weights
-        Factors of the equations of each view, broadcast to shape (V, ...) [1]; 1 without.
+        Factors of the equations of each view, broadcast to shape (V, ...) [1]; 1 by default.
 
     Returns
     -------
     points3d
-        Shape (..., 3), in the frame of the rig's first camera and the rig's length unit; NaN where fewer than two views
+        Shape (..., 3) [length unit of the rig], in the frame of the rig's first camera; NaN where fewer than two views
         have a pixel, or where the rays are parallel.
 
     Raises
@@ -59,6 +59,19 @@ def triangulate(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | N
     -----
     Eqs. (3) and (4): every view contributes ``(u P3 - P1) X = 0`` and ``(v P3 - P2) X = 0``; the solution is the right
     singular vector of the smallest singular value. Pixels are undistorted first, so that ``P = K [R | t]`` holds.
+
+    References
+    ----------
+    .. [1] Hartley, R., Zisserman, A. (2004). Multiple View Geometry in Computer Vision, 2nd edition, section 12.2.
+
+    Examples
+    --------
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> pixels = [camera.project([1.0, 0.5, 25.0]) for camera in rig.cameras]
+    >>> triangulate(pixels, rig).round(6).tolist()
+    [1.0, 0.5, 25.0]
     """
     u = as_float_array(points2d, "points2d", (-1, 2))
     if u.ndim < 2 or u.shape[0] != len(rig) or len(rig) < 2:
@@ -69,7 +82,7 @@ def triangulate(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | N
     equations = [view_equations(c, c.normalize(p.reshape(-1, 2))) for c, p in zip(rig.cameras, u, strict=True)]
     if weights is not None:
         factors = np.broadcast_to(np.asarray(weights, np.float64), u.shape[:-1]).reshape(len(rig), -1)
-        equations = [factor * of_view for factor, of_view in zip(factors, equations, strict=True)]
+        equations = [factor * rows for factor, rows in zip(factors, equations, strict=True)]
     points3d = _solve_equations(stack_equations(equations))[0]
     return np.ascontiguousarray(points3d.T).reshape(*u.shape[1:-1], 3)
 
@@ -80,19 +93,29 @@ def view_equations(camera: Camera, normalized: FloatArray) -> FloatArray:
     Parameters
     ----------
     camera
-        Its pose is in the frame of the wanted points.
+        The camera, with its pose in the frame of the wanted points.
     normalized
-        Undistorted normalised coordinates, shape (N, 2), of `Camera.normalize`.
+        Undistorted normalised coordinates of `Camera.normalize`, shape (N, 2) [1].
 
     Returns
     -------
     equations
-        Shape (2, 4, N) [px]: rows whose product with the homogeneous point is zero.
+        Rows whose product with the homogeneous point is zero, shape (2, 4, N) [px].
 
     Notes
     -----
     The rows of the normalised equations are taken times fx and fy, which makes them those of Eq. (3): the error stays
     one of pixels.
+
+    Examples
+    --------
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> point = np.array([1.0, 0.5, 25.0, 1.0])
+    >>> equations = view_equations(left, left.normalize(left.project(point[:3])[None]))
+    >>> np.abs(equations[..., 0] @ point).round(9).tolist()
+    [0.0, 0.0]
     """
     pose = camera.cam_from_world
     equations = np.empty((2, 4, len(normalized)))
@@ -103,10 +126,22 @@ def view_equations(camera: Camera, normalized: FloatArray) -> FloatArray:
 
 
 def stack_equations(equations: Sequence[FloatArray]) -> FloatArray:
-    """The equations (2, 4, N) of every view as one system (2 V, 4, N), without those of views that miss a point.
+    """The equations of every view as one system, without those of views that miss a point.
 
-    Of more than two views, those whose equations are NaN count for nothing, and a point is NaN where fewer than two are
-    left: equations of zeros leave the solution to the others, so that one solve serves points that different views see.
+    Parameters
+    ----------
+    equations
+        Equations of each of V views, shape (2, 4, N) [px]; NaN where a view misses a point.
+
+    Returns
+    -------
+    system
+        Shape (2 V, 4, N) [px].
+
+    Notes
+    -----
+    For more than two views, equations that are NaN become zero, and a point is NaN where fewer than two views are left:
+    equations of zeros leave the solution to the others, so that one solve serves points that different views see.
     """
     A = np.concatenate(equations)
     if len(equations) < 3:
@@ -126,25 +161,26 @@ def triangulate_with_slope(
     view: int,
     weights: FloatArray | float = 1.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Points in space, and how they move with the pixel coordinate u of one of the views.
+    """Points in space, and their change with the pixel coordinate u of one of the views.
 
     Parameters
     ----------
     equations
-        Of `view_equations`, one entry a view, times their weights.
+        Results of `view_equations` for every view, times their weights, shape (2, 4, N) each [px].
     camera, normalized
-        The view whose u moves: its camera, and its undistorted normalised coordinates, shape (N, 2).
+        Camera of the view whose u moves, and its undistorted normalised coordinates, shape (N, 2) [1].
     view
-        Its index.
+        Index of that view.
     weights
         Factors of its equations, a scalar or shape (N,) [1].
 
     Returns
     -------
     points3d
-        Shape (3, N), as `triangulate` finds them.
+        Points as `triangulate` finds them, shape (3, N) [length unit of the rig].
     slope
-        Shape (3, N) [length unit a px]; NaN where the rays are nearly parallel, or this view does not see the point.
+        Shape (3, N) [length unit of the rig per px]; NaN where the rays are nearly parallel, or this view does not see
+        the point.
 
     Notes
     -----
@@ -183,16 +219,16 @@ def _solve_equations(A: FloatArray) -> tuple[FloatArray, FloatArray, _Factors, I
     Parameters
     ----------
     A
-        Shape (R, 4, N).
+        R equations for each point, shape (R, 4, N) [px].
 
     Returns
     -------
     points3d
-        Shape (3, N); NaN where an equation is NaN or the rays are parallel.
+        Shape (3, N) [length unit of the rig]; NaN where an equation is NaN or the rays are parallel.
     residual
         ``A x`` with ``x = (X, 1)``, shape (R, N).
     factors
-        Of ``M - s I``, see below.
+        Factors of ``M - s I``, see below.
     doubtful
         Indices of points that went through a singular value decomposition, whose residual and factors mean nothing.
 
@@ -269,14 +305,26 @@ def compute_reprojection_error(points3d: npt.ArrayLike, points2d: npt.ArrayLike,
     Parameters
     ----------
     points3d
-        Shape (..., 3), first camera's frame.
+        Points in the first camera's frame, shape (..., 3) [length unit of the rig].
     points2d
-        Shape (V, ..., 2) [px]; NaN where a view does not see a point.
+        Pixels in every view, shape (V, ..., 2) [px]; NaN where a view does not see a point.
+    rig
+        V cameras.
 
     Returns
     -------
     reprojection_error
         Shape (...) [px]; NaN where a point is NaN, behind a camera that sees it, or seen by none.
+
+    Examples
+    --------
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> point = [1.0, 0.5, 25.0]
+    >>> pixels = np.stack([camera.project(point) for camera in rig.cameras]) + [0.3, 0.4]
+    >>> round(float(compute_reprojection_error(point, pixels, rig)), 6)
+    0.5
     """
     u = as_float_array(points2d, "points2d", (-1, 2))
     seen = np.isfinite(u).all(axis=-1)
@@ -291,16 +339,24 @@ def in_front_of_all(points3d: npt.ArrayLike, rig: Rig, *, seen: BoolArray | None
     Parameters
     ----------
     points3d
-        Shape (..., 3), first camera's frame.
+        Points in the first camera's frame, shape (..., 3) [length unit of the rig].
     rig
         V cameras.
     seen
-        Which of them see a point, shape (V, ...); all without.
+        Which cameras see a point, shape (V, ...); all by default.
 
     Returns
     -------
     in_front
         Shape (...); False for NaN.
+
+    Examples
+    --------
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> in_front_of_all([[1.0, 0.5, 25.0], [1.0, 0.5, -25.0]], rig).tolist()
+    [True, False]
     """
     X = as_float_array(points3d, "points3d", (-1, 3))
     depths = np.stack([X @ c.rotation[2] + c.translation[2] for c in rig.cameras])
@@ -317,7 +373,9 @@ def sampson_error(
     Parameters
     ----------
     points_first, points_second
-        Shape (..., 2) [px] in the two views.
+        Pixels of the match in the two views, shape (..., 2) [px].
+    rig
+        The cameras.
     first, second
         Indices of the views in the rig.
 
@@ -334,7 +392,17 @@ def sampson_error(
 
     References
     ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 11.4.3 (Sampson distance).
+    .. [1] Hartley, R., Zisserman, A. (2004). Multiple View Geometry in Computer Vision, 2nd edition, section 11.4.3
+       (Sampson distance).
+
+    Examples
+    --------
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> first, second = (camera.project([1.0, 0.5, 25.0]) for camera in rig.cameras)
+    >>> round(float(sampson_error(first, second + [0.0, 1.0], rig)), 4)
+    0.7071
     """
     a, b = rig.cameras[first], rig.cameras[second]
     R = b.rotation @ a.rotation.T

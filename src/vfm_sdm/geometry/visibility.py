@@ -1,7 +1,7 @@
-"""Which views see which sample of a point, how much each counts, and how views that do not quite agree are made to.
+"""Views that see each sample of a point, their weights, and the disagreement between them that is taken off.
 
 A sample needs two views. With more, one of them may lose a point for a while; the cameras disagree a little, so
-positions from other views would stand aside, and a point would seem to step when a view comes or goes. The mean
+positions from other views would differ, and a point would seem to step when a view comes or goes. The mean
 disagreement is known from the samples that these views share, and is taken off their pixels.
 """
 
@@ -16,9 +16,9 @@ from vfm_sdm.geometry.triangulation import triangulate
 __all__ = ["Sightings", "Visibility", "see_points", "typical_std"]
 
 _RESOLUTION_PX = 1e-3
-"""No tracker resolves less: the least standard deviation that weighs a view."""
+"""Least standard deviation of a view's weight: no tracker resolves less."""
 _FEWEST_FOR_SCATTER = 10
-"""Samples from which on the scatter of a mean disagreement is taken from themselves."""
+"""Number of samples from which on the scatter of a mean disagreement is estimated from them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Visibility:
     def most_frequent(self) -> IntArray:
         """Index of the set that sees most samples of each point, shape (P,); 0 where none sees any."""
         counts = np.stack([(self.of_sample == k).sum(axis=0) for k in range(len(self.views))])
-        # Of equals the one with more views.
+        # Among equals, the one with more views.
         return np.asarray((counts + 0.5 * self.views.mean(axis=1)[:, None]).argmax(axis=0))
 
 
@@ -50,13 +50,13 @@ class Sightings:
     Parameters
     ----------
     pixels
-        Less the mean disagreement of the views, shape (V, T, P, 2) [px]; NaN where a view is not used.
+        Pixels less the mean disagreement of the views, shape (V, T, P, 2) [px]; NaN where a view is not used.
     weights
         Factors of each view's equations, shape (V, P) [1]; ``None`` for two views, which need none.
     visibility
-        Which views are used.
+        Views that are used.
     shift_covariance
-        Of the mean disagreement that was taken off, shape (V, P, 2, 2) [px2].
+        Covariance of the mean disagreement that was taken off, shape (V, P, 2, 2) [px2].
     linked
         Views whose disagreement is known, shape (V, P); samples of others are not continuous with the rest.
     """
@@ -73,11 +73,17 @@ class Sightings:
         return np.asarray(np.isfinite(self.pixels).all(axis=-1))
 
     def triangulate(self, rig: Rig) -> FloatArray:
-        """Places of all samples, shape (T, P, 3), in the frame of the rig's first camera."""
+        """Positions of all samples in the frame of the rig's first camera, shape (T, P, 3) [length unit of the rig].
+
+        Parameters
+        ----------
+        rig
+            The V cameras.
+        """
         return triangulate(self.pixels, rig, weights=None if self.weights is None else self.weights[:, None])
 
     def anchor(self, valid: BoolArray) -> FloatArray:
-        """A pixel of each point in every view that ever sees it: of the first valid sample, else the first at all.
+        """A pixel of each point in every view that ever sees it, of its first valid sample where there is one.
 
         Parameters
         ----------
@@ -101,30 +107,29 @@ class Sightings:
 
 
 def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, rig: Rig) -> Sightings:
-    """Which views to take for each sample, from what their tracks say.
+    """Pixels and weights of the views that are used for each sample, from the tracks of all views.
 
     Parameters
     ----------
     pixels, covariance, trusted
-        Synchronised tracks of V views: positions (V, T, P, 2) [px], NaN where missing, their covariances
-        (V, T, P, 2, 2) [px2], and whether the tracker trusts them (V, T, P).
+        Synchronised tracks of V views: positions, shape (V, T, P, 2) [px], NaN where missing, their covariances, shape
+        (V, T, P, 2, 2) [px2], and whether the tracker trusts them, shape (V, T, P).
     rig
         V cameras.
 
     Notes
     -----
-    Of two views both are taken as they are. Of more, each point's views weigh by the inverse of their standard
-    deviation (the median over the frames that state one) and of their depth, which makes the linear method's residuals
-    those of pixels over their noise; a sample that a view does not trust is left to the others where two of them trust
-    theirs.
+    Two views are both taken as they are. With more views, those of each point are weighted by the inverse of their
+    standard deviation (the median over the frames that state one) and of their depth, which makes the linear method's
+    residuals those of pixels over their noise; a sample that a view does not trust is left to the others where two of
+    them trust theirs.
     """
     found = np.asarray(np.isfinite(pixels).all(axis=-1))
     views, points = len(pixels), pixels.shape[2]
     no_covariance = np.zeros((views, points, 2, 2))
     if views < 3:
-        used = np.broadcast_to(found.all(axis=0), found.shape)
-        everywhere = np.ones((views, points), dtype=np.bool_)
-        return Sightings(pixels, None, _sets_of_views(used), no_covariance, everywhere)
+        both = Visibility(np.ones((1, views), dtype=np.bool_), np.where(found.all(axis=0) & (views > 1), 0, -1))
+        return Sightings(pixels, None, both, no_covariance, np.ones((views, points), dtype=np.bool_))
     used = np.where((trusted & found).sum(axis=0) >= 2, trusted & found, found)
     used &= used.sum(axis=0) >= 2
     chosen = np.where(used[..., None], pixels, np.nan)
@@ -140,9 +145,23 @@ def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, r
 
 
 def typical_std(variance: FloatArray) -> FloatArray:
-    """Standard deviation of the median variance over the frames that state one, (V, T, P) to (V, P).
+    """Standard deviation of the median variance over the frames that state one.
 
-    NaN where none does. A tracker's reference frame states none: the point is there by definition.
+    Parameters
+    ----------
+    variance
+        Stated variances, shape (V, T, P) [px2]; a tracker's reference frame states zero, because the point is there by
+        definition.
+
+    Returns
+    -------
+    std
+        Shape (V, P) [px]; NaN where no frame states a variance.
+
+    Examples
+    --------
+    >>> typical_std(np.array([0.0, 0.04, 0.09, 0.04]).reshape(1, 4, 1)).round(6).tolist()
+    [[0.2]]
     """
     stated = np.sort(np.where(variance > 0, variance, np.nan), axis=1)  # NaN last
     count = np.isfinite(stated).sum(axis=1, keepdims=True)
@@ -184,10 +203,20 @@ class _Point:
     rig: Rig
 
     def disagreement(self, base: BoolArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Mean disagreement of every view [px], its covariance [px2], and whether it is known; (V, 2), (V, 2, 2), (V,).
+        """Mean disagreement of every view, its covariance, and whether it is known.
 
-        The views of the base are held against the place that they give together, further ones against that of all views
-        before them, over the samples that they share.
+        The views of the base are compared with the position that they give together, further ones with that of all
+        views before them, over the samples that they share.
+
+        Parameters
+        ----------
+        base
+            Views that are compared first, shape (V,).
+
+        Returns
+        -------
+        shift, covariance, linked
+            Shapes (V, 2) [px], (V, 2, 2) [px2] and (V,).
         """
         views = len(self.pixels)
         shift, covariance = np.zeros((views, 2)), np.zeros((views, 2, 2))

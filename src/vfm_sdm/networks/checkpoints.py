@@ -1,11 +1,8 @@
 """The checkpoints that the networks load: where each is published, how large it is, and under which licence."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 __all__ = ["CHECKPOINTS", "Checkpoint"]
-
-Network = Literal["vggt", "tapir"]
 
 _HUB = "https://huggingface.co/"
 _TAPNET = "https://storage.googleapis.com/dm-tapnet/"
@@ -21,7 +18,7 @@ class Checkpoint:
     name
         Name in commands and sessions.
     network
-        Architecture that loads it.
+        Architecture that loads it, by the name of its package here.
     source
         Repository on Hugging Face (``owner/name``), or the address of a folder (``https://...``).
     file_name
@@ -44,7 +41,7 @@ class Checkpoint:
     """
 
     name: str
-    network: Network
+    network: str
     source: str
     file_name: str
     size_bytes: int

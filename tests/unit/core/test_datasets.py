@@ -1,3 +1,5 @@
+from dataclasses import fields
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,17 +12,21 @@ from vfm_sdm.core.datasets import (
     PIXEL,
     STATUS_MEANINGS,
     STRUCTURE_AXES,
+    DisplacementArrays,
     Status,
-    check_acceleration,
     check_displacement,
-    check_reference,
     check_tracks,
     convert_units,
-    make_acceleration,
     make_displacement,
-    make_reference,
     make_tracks,
     status_variable,
+)
+from vfm_sdm.core.sensor_datasets import (
+    ReferenceFacts,
+    check_acceleration,
+    check_reference,
+    make_acceleration,
+    make_reference,
 )
 from vfm_sdm.errors import DatasetError, SessionError, VfmSdmError
 
@@ -51,7 +57,8 @@ def displacement(frames=4, **changes):
         "status": np.zeros(shape[:2]),
         "attrs": {"frame": "structure"},
     } | changes
-    return make_displacement(**arguments)
+    arrays = DisplacementArrays(**{field.name: arguments.pop(field.name) for field in fields(DisplacementArrays)})
+    return make_displacement(arrays=arrays, **arguments)
 
 
 def test_tracks_name_their_axes_and_units():
@@ -238,7 +245,8 @@ def reference(**changes):
         "band_hz": (1.0, 10.0),
         "attrs": {"onset_status": "detected"},
     } | changes
-    return make_reference(**arguments)
+    facts = ReferenceFacts(**{field.name: arguments.pop(field.name) for field in fields(ReferenceFacts)})
+    return make_reference(facts=facts, **arguments)
 
 
 def test_sensor_datasets_name_their_axes_units_and_attributes(tmp_path):

@@ -1,7 +1,7 @@
 """Products that are made from each other, on a small chain of numbers and texts."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -34,14 +34,12 @@ def _read(path: Path) -> tuple[int, str]:
     return value, key
 
 
-def _write(path: Path, value: int, key: str) -> None:
-    path.write_text(json.dumps([value, key]))
+def _write(path: Path, value: int, marks: Mapping[str, str]) -> None:
+    path.write_text(json.dumps([value, marks["key"]]))
 
 
 class Sums(Chain[Numbers]):
     """A sum and what is made of it."""
-
-    whole_allowed = True
 
     @product(reads=("a", "b"), kept=Kept("total.json", _read, _write))
     def total(self, numbers: Numbers) -> int:
@@ -159,3 +157,14 @@ def test_times_are_without_those_of_what_is_needed(monkeypatch):
 
 def test_products_are_named_in_the_order_in_which_they_are_written():
     assert Sums.products()[:3] == ("total", "sign", "word")
+
+
+def test_a_product_of_ones_own_takes_the_place_of_ours():
+    class Doubled(Sums):
+        @product(reads=("a",))
+        def total(self, numbers: Numbers) -> int:
+            return -2 * numbers.a
+
+    assert Doubled.products() == Sums.products()
+    assert Doubled(Numbers(), None).sign == -1
+    assert Doubled(Numbers(b=9), None).key("total") == Doubled(Numbers(), None).key("total")

@@ -1,6 +1,6 @@
 """Evaluation of a measurement: against sensors, or against another displacement such as the truth."""
 
-from vfm_sdm.analysis.evaluation.comparison import evaluate
+from vfm_sdm.analysis.evaluation.comparison import ReferenceClock, evaluate
 from vfm_sdm.analysis.evaluation.records import (
     COVERAGE_FACTOR,
     NOMINAL_COVERAGE,
@@ -16,6 +16,7 @@ __all__ = [
     "NOMINAL_COVERAGE",
     "Evaluation",
     "EvaluationRow",
+    "ReferenceClock",
     "evaluate",
     "evaluate_run",
     "join_sensors",

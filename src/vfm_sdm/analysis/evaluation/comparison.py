@@ -8,20 +8,39 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.evaluation.metrics import Score, score
-from vfm_sdm.analysis.evaluation.records import COVERAGE_FACTOR, Evaluation, EvaluationRow
+from vfm_sdm.analysis.evaluation.records import Evaluation, EvaluationRow
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import check_displacement, check_reference
+from vfm_sdm.core.datasets import check_displacement
+from vfm_sdm.core.sensor_datasets import check_reference
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.clocks import estimate_remaining_lag, even_clock, interpolate
 from vfm_sdm.signals.filters import band_pass
-from vfm_sdm.stages.synchronize import estimate_sensor_lag
+from vfm_sdm.stages.synchronize import LagSearch, estimate_sensor_lag
 
-__all__ = ["evaluate"]
+__all__ = ["ReferenceClock", "evaluate"]
 
 _LAG_BAND_HZ = (1.0, 10.0)
 """Band in which a lag is estimated when none is given [Hz]: the vibration, not the drift of either side."""
 _FEWEST_STAMPS = 4
 """Stamps that the estimate of the lag and the splines need at least."""
+
+
+@dataclass(frozen=True)
+class ReferenceClock(LagSearch):
+    """How the clock of a reference is brought to that of the measurement.
+
+    Parameters
+    ----------
+    search_s, start_lag_s, start_std_s
+        Where the lag of the reference is looked for, see `vfm_sdm.stages.synchronize.LagSearch` [s]. Where no lag is
+        estimated, ``start_lag_s`` is the lag.
+    synchronize
+        Whether to estimate the lag of the reference, jointly over all pairs. Left out: yes for sensors, which have a
+        clock of their own, and no for another displacement dataset, which shares the measurement's.
+    """
+
+    search_s: float = 5.0
+    synchronize: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -44,10 +63,7 @@ def evaluate(
     pairs: Mapping[str, str] | None = None,
     axes: Sequence[str] = ("lateral", "vertical"),
     band_hz: tuple[float, float] | None = None,
-    synchronize: bool | None = None,
-    search_s: float = 5.0,
-    start_lag_s: float = 0.0,
-    start_std_s: float | None = None,
+    clock: ReferenceClock | None = None,
 ) -> Evaluation:
     """Metrics of every point and axis of a measurement that a reference knows.
 
@@ -67,11 +83,9 @@ def evaluate(
     band_hz
         Band that both sides are filtered to [Hz]. Left out: the band of the reference, where it states one
         (displacement from acceleration holds nothing outside it), else no filtering.
-    synchronize
-        Whether to estimate the lag of the reference, jointly over all pairs. Left out: yes for sensors, which have a
-        clock of their own, and no for another displacement dataset, which shares the measurement's.
-    search_s, start_lag_s, start_std_s
-        See `vfm_sdm.stages.synchronize.estimate_lag` [s]. Without estimation ``start_lag_s`` is the lag.
+    clock
+        How the reference's clock is brought to the measurement's. Left out: the lag of sensors is estimated within 5 s
+        of zero, and another displacement dataset shares the measurement's clock.
 
     Returns
     -------
@@ -103,7 +117,7 @@ def evaluate(
 
     Examples
     --------
-    >>> from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
     >>> time_s = np.arange(300) / 30
     >>> def moving(gain):
     ...     motion = gain * np.sin(2 * np.pi * 2 * time_s)[:, None, None] * [1.0, 2.0, 0.0]
@@ -111,12 +125,14 @@ def evaluate(
     ...         time_s,
     ...         ["mid"],
     ...         STRUCTURE_AXES,
-    ...         displacement_mm=motion,
-    ...         displacement_std_mm=np.full((300, 1, 3), 0.1),
-    ...         scale_std=np.zeros((1, 3)),
-    ...         position_m=np.zeros((300, 1, 3)),
-    ...         reprojection_error_px=np.zeros((300, 1)),
-    ...         status=np.zeros((300, 1)),
+    ...         DisplacementArrays(
+    ...             displacement_mm=motion,
+    ...             displacement_std_mm=np.full((300, 1, 3), 0.1),
+    ...             scale_std=np.zeros((1, 3)),
+    ...             position_m=np.zeros((300, 1, 3)),
+    ...             reprojection_error_px=np.zeros((300, 1)),
+    ...             status=np.zeros((300, 1)),
+    ...         ),
     ...         attrs={"frame": "structure"},
     ...     )
     >>> evaluation = evaluate(moving(1.01), moving(1.0))
@@ -140,16 +156,15 @@ def evaluate(
     chosen = _choose_pairs(displacement, places, pairs)
     band = _choose_band(reference, band_hz, notes)
     synchronization = None
-    clock_s = reference["time"].values - start_lag_s
-    if synchronize or (synchronize is None and against_sensors):
+    clock = clock or ReferenceClock()
+    clock_s = reference["time"].values - clock.start_lag_s
+    if clock.synchronize or (clock.synchronize is None and against_sensors):
         synchronization = estimate_sensor_lag(
             displacement,
             places.rename(place="sensor").to_dataset(name="displacement"),
             pairs=list(chosen.items()),
             axes=chosen_axes,
-            search_s=search_s,
-            start_lag_s=start_lag_s,
-            start_std_s=start_std_s,
+            search=clock,
             band_hz=_LAG_BAND_HZ if band is None else band,
         )
         clock_s = reference["time"].values * synchronization.rate_ratio + synchronization.offset_s
@@ -234,9 +249,7 @@ def _make_row(comparison: _Comparison, point: str, place: str, axis: str, notes:
             values,
             truth,
             estimate_std=std,
-            k=COVERAGE_FACTOR,
             remove_offset=comparison.remove_offset,
-            lag_s=lag_s,
         )
     except DatasetError as error:
         # Shapes are right by construction: what is left are series too short, too still or too full of gaps.
@@ -247,7 +260,7 @@ def _make_row(comparison: _Comparison, point: str, place: str, axis: str, notes:
     return EvaluationRow(
         point,
         axis,
-        replace(metrics, band_hz=comparison.band_hz),
+        replace(metrics, band_hz=comparison.band_hz, lag_s=lag_s),
         float(np.ptp(values[both])),
         float(np.ptp(truth[both])),
         float(np.sqrt(np.mean(error_mm**2))),

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from vfm_sdm.core.arrays import BoolArray, FloatArray, as_float_array
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.filters import band_pass
+from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
 __all__ = [
     "Score",
@@ -69,11 +70,9 @@ def score(
     reference: npt.ArrayLike,
     *,
     estimate_std: npt.ArrayLike | None = None,
-    k: float = 2.0,
     rate_hz: float | None = None,
     band_hz: tuple[float, float] | None = None,
     remove_offset: bool = False,
-    lag_s: float = float("nan"),
 ) -> Score:
     """All metrics of one estimated series against its reference.
 
@@ -81,16 +80,19 @@ def score(
     ----------
     estimate, reference
         The same quantity at the same times, shape (T,), both in mm or in another common unit; NaN where not known.
-    estimate_std, k
-        Stated standard deviation of each sample, shape (T,), in the same unit, and how many of them the interval
-        reaches to each side.
+    estimate_std
+        Stated standard deviation of each sample, shape (T,), in the same unit; the interval reaches `COVERAGE_FACTOR`
+        of them to each side.
     rate_hz, band_hz
         Sampling rate [Hz], and the band [Hz] that both series are filtered to first (`band_pass`) where one is given.
     remove_offset
         Whether to take the mean difference from the estimate first, as is due where the zeros of the two are
         unrelated; without it the metrics are the paper's to the letter.
-    lag_s
-        Lag left between the two, where the caller knows it; only carried along [s].
+
+    Returns
+    -------
+    score
+        All metrics; ``lag_s`` is NaN, because it is the caller who knows the lag.
 
     Raises
     ------
@@ -114,7 +116,7 @@ def score(
     offset = _compute_mean_difference(values, truth)
     covered = float("nan")
     if estimate_std is not None:
-        covered = coverage(values - offset if remove_offset else values, estimate_std, truth, k=k)
+        covered = coverage(values - offset if remove_offset else values, estimate_std, truth, k=COVERAGE_FACTOR)
     if band_hz is not None:
         if rate_hz is None:
             raise DatasetError("rate_hz: expected the sampling rate for filtering, got None; pass it with band_hz")
@@ -132,7 +134,7 @@ def score(
         skill=skill(values, truth),
         coverage=covered,
         offset=offset,
-        lag_s=float(lag_s),
+        lag_s=float("nan"),
         samples=int(_find_known(values, truth).sum()),
         band_hz=band_hz,
         offset_removed=remove_offset,
@@ -211,8 +213,10 @@ def rppae(estimate: npt.ArrayLike, reference: npt.ArrayLike) -> float:
     DatasetError
         Shapes differ, fewer than 10 samples are known in both, or the reference does not move.
 
-    Notes ----- Paper, section Evaluation metrics: ``|(max e - min e) - (max r - min r)| / (max r - min r)``. One wrong
-    sample decides it.
+    Notes
+    -----
+    Paper, section Evaluation metrics: ``|(max e - min e) - (max r - min r)| / (max r - min r)``. One wrong sample
+    decides it.
 
     Examples
     --------

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from vfm_sdm.analysis.evaluation.comparison import evaluate
+from vfm_sdm.analysis.evaluation.comparison import ReferenceClock, evaluate
 from vfm_sdm.analysis.evaluation.records import Evaluation
 from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.errors import DatasetError, SessionError
@@ -82,9 +82,7 @@ def evaluate_run(
     pairs: Mapping[str, str] | None = None,
     axes: Sequence[str] = ("lateral", "vertical"),
     band_hz: tuple[float, float] | None = None,
-    synchronize: bool | None = None,
-    search_s: float = 5.0,
-    start_lag_s: float = 0.0,
+    clock: ReferenceClock | None = None,
 ) -> Evaluation:
     """Evaluation of the displacement in a run folder.
 
@@ -98,7 +96,7 @@ def evaluate_run(
         The CSV file is found by its name, so that it may have been moved since.
     pairs
         Sensor or reference point of each point, see `evaluate`; the pairs of the session when left out.
-    axes, band_hz, synchronize, search_s, start_lag_s
+    axes, band_hz, clock
         See `evaluate`; band [Hz] and times [s].
 
     Returns
@@ -118,16 +116,7 @@ def evaluate_run(
     known = _read_session_sensor(session, Path(reference)) if is_csv else read_comparison(reference)
     if pairs is None and session is not None:
         pairs = _read_session_pairs(session, displacement, known)
-    return evaluate(
-        displacement,
-        known,
-        pairs=pairs,
-        axes=axes,
-        band_hz=band_hz,
-        synchronize=synchronize,
-        search_s=search_s,
-        start_lag_s=start_lag_s,
-    )
+    return evaluate(displacement, known, pairs=pairs, axes=axes, band_hz=band_hz, clock=clock)
 
 
 def _read_session_sensor(session: Session | None, path: Path) -> xr.Dataset:

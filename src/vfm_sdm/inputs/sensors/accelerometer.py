@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
-from vfm_sdm.core.datasets import check_acceleration, make_reference
+from vfm_sdm.core.sensor_datasets import ReferenceFacts, check_acceleration, make_reference
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.filters import band_pass, hampel, shortest_band_pass_s
 
@@ -141,7 +141,7 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
 
     Examples
     --------
-    >>> from vfm_sdm.core.datasets import make_acceleration
+    >>> from vfm_sdm.core.sensor_datasets import make_acceleration
     >>> time_s = np.arange(2000) / 100
     >>> vibration = -4e-3 * (2 * np.pi * 2) ** 2 * np.sin(2 * np.pi * 2 * time_s)
     >>> recorded = make_acceleration(time_s, ["midspan"], ["vertical"], vibration[:, None, None], sampling_rate_hz=100)
@@ -174,9 +174,7 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
         [str(name) for name in acceleration["sensor"].values],
         [str(name) for name in acceleration["axis"].values],
         resample(displacement, clock, grid) * _MM_PER_M,
-        sampling_rate_hz=settings.rate_hz,
-        onset_s=float(clock[0]),
-        band_hz=settings.band_hz,
+        facts=ReferenceFacts(settings.rate_hz, float(clock[0]), settings.band_hz),
         attrs={
             "onset_status": status,
             "integration": settings.integration,

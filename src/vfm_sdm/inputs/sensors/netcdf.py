@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.datasets import check_displacement, check_reference
+from vfm_sdm.core.datasets import check_displacement
 from vfm_sdm.core.netcdf import read_dataset, write_dataset
+from vfm_sdm.core.sensor_datasets import check_reference
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["join_sensors", "read_comparison", "write_reference"]
@@ -33,7 +34,7 @@ def join_sensors(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
 
     Examples
     --------
-    >>> from vfm_sdm.core.datasets import make_acceleration
+    >>> from vfm_sdm.core.sensor_datasets import make_acceleration
     >>> quarter, middle = (
     ...     make_acceleration(np.arange(4) / 100, [name], ["vertical"], np.zeros((4, 1, 1)), sampling_rate_hz=100)
     ...     for name in ("quarter", "middle")
@@ -80,10 +81,9 @@ def write_reference(path: Path | str, reference: xr.Dataset) -> Path:
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
-    >>> from vfm_sdm.core.datasets import make_reference
-    >>> gauge = make_reference(
-    ...     [0.0, 0.1], ["gauge"], ["vertical"], np.ones((2, 1, 1)), sampling_rate_hz=10, onset_s=0, band_hz=(0, 5)
-    ... )
+    >>> from vfm_sdm.core.sensor_datasets import ReferenceFacts, make_reference
+    >>> facts = ReferenceFacts(sampling_rate_hz=10, onset_s=0, band_hz=(0, 5))
+    >>> gauge = make_reference([0.0, 0.1], ["gauge"], ["vertical"], np.ones((2, 1, 1)), facts=facts)
     >>> with TemporaryDirectory() as folder:
     ...     print(read_comparison(write_reference(f"{folder}/gauge.nc", gauge))["displacement"].shape)
     (2, 1, 1)

@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, clock_departure
-from vfm_sdm.core.datasets import STRUCTURE_AXES, convert_units, make_acceleration, make_reference
+from vfm_sdm.core.datasets import STRUCTURE_AXES, convert_units
+from vfm_sdm.core.sensor_datasets import ReferenceFacts, make_acceleration, make_reference
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["read_acceleration", "read_reference"]
@@ -152,9 +153,7 @@ def read_reference(
         [_name_sensor(path, sensor)],
         axes,
         signal.values[:, None],
-        sampling_rate_hz=rate_hz,
-        onset_s=float(time_s[0]),
-        band_hz=(0.0, rate_hz / 2),
+        facts=ReferenceFacts(rate_hz, float(time_s[0]), (0.0, rate_hz / 2)),
         attrs=_make_attrs(path, start),
     )
 

@@ -104,7 +104,7 @@ class Network(Entry):
 class Sfm(Entry):
     """Settings of the cameras ``sfm``: what is matched, and by whom."""
 
-    features: Annotated[Name, _named("features")] = "sift"
+    features: Annotated[str, _named("features")] = "sift"
     matcher: Literal["superglue", "lightglue"] | None = None
     """Who matches SuperPoint's features: SuperGlue where nothing is said, as in the paper."""
     model: Name | None = None
@@ -123,8 +123,8 @@ class Method(Entry):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Annotated[Any, BeforeValidator(_table)]]
 
-    tracker: Annotated[Name, _named("trackers")] = "icgn"
-    cameras: Annotated[Name, _named("cameras")] = "two-view"
+    tracker: Annotated[str, _named("trackers")] = "icgn"
+    cameras: Annotated[str, _named("cameras")] = "two-view"
     refinement: Literal["none", "sgr"] = "none"
     synchronization: Literal["motion", "none"] = "motion"
     """Whether the offset between views is estimated from the points' motion, or taken as stated."""
@@ -135,7 +135,7 @@ class Method(Entry):
     """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""
     subset_px: Annotated[int, Strict(), AfterValidator(_subset)] = 41
     """Side of the square that a tracker compares [px]."""
-    correspondence: Annotated[Name, _named("matchers")] = "registration"
+    correspondence: Annotated[str, _named("matchers")] = "registration"
     """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
     VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
     network: Network = Network()

@@ -30,7 +30,9 @@ from vfm_sdm.inputs.session.site import Entry, Level, Name, Number, Positive, Si
 __all__ = ["Chessboard", "Lens", "Point", "Sensor", "Session", "View"]
 
 _Count = Annotated[int, Strict(), Field(ge=3)]
-_ViewName = Annotated[Name, Field(pattern=r"^[^/\\]+$")]  # becomes a netCDF group and part of a file name
+# Becomes a netCDF group and part of a file name. Not made of `Name`: of two `Field`s on one type, pydantic before 2.12
+# takes over the default that another field of that type has.
+_ViewName = Annotated[str, Field(min_length=1, pattern=r"^[^/\\]+$")]
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
 _Pixel = tuple[_Coordinate, _Coordinate]

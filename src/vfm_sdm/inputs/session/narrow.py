@@ -57,6 +57,6 @@ def narrow(model: M, reads: Sequence[str], *, always: Sequence[str] = ()) -> M:
         elif field.is_required():
             values[name] = () if isinstance(value, tuple) else None
         else:
-            values[name] = field.get_default(call_default_factory=True)
+            values[name] = field.get_default(call_default_factory=True, validated_data={})
     values |= {name: table for name, table in tables.items() if name in reads}
     return type(model).model_construct(**values)

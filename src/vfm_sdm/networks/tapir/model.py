@@ -13,7 +13,7 @@ from vfm_sdm.networks.tapir.config import Resolution, TapirConfig
 from vfm_sdm.networks.tapir.features import FeatureGrids, frame_chunks, scale_between
 from vfm_sdm.networks.tapir.initialization import CostVolumeHeads, initialize
 from vfm_sdm.networks.tapir.mixer import EXPANSION, PAST_FRAMES, MixerState, TemporalMixer
-from vfm_sdm.networks.tapir.refinement import refine
+from vfm_sdm.networks.tapir.refinement import Refiner
 from vfm_sdm.networks.tapir.results import (
     CausalState,
     Estimate,
@@ -35,9 +35,11 @@ class Tapir(nn.Module):
     config
         Architecture and run-time constants; a preset of ``TapirConfig`` for each checkpoint.
 
-    Notes ----- Section 3 of TAPIR [1]_; BootsTAP [2]_ for the extra convolutions. Calculations run in the
-    floating-point type and on the device of the parameters. Points do not see one another. Run it under
-    ``torch.inference_mode``, or all intermediate values are kept for a backward pass.
+    Notes
+    -----
+    Section 3 of TAPIR [1]_; BootsTAP [2]_ for the extra convolutions. Calculations run in the floating-point type and
+    on the device of the parameters. Points do not see one another. Run it under ``torch.inference_mode``, or all
+    intermediate values are kept for a backward pass.
 
     Pixels: the centre of the top-left one is (0.5, 0.5), so that positions in a resized image are in proportion.
 
@@ -269,9 +271,8 @@ class Tapir(nn.Module):
     ) -> tuple[list[Estimate], list[MixerState]]:
         """All refinements at one resolution, from the latest position and the first estimates of the logits."""
         start = Estimate(earlier[-1].position, earlier[0].occlusion, earlier[0].expected_dist)
-        return refine(
-            self.torch_pips_mixer, grids, points, start, config=self.config, past=past, frame_chunk=frame_chunk
-        )
+        refiner = Refiner(self.torch_pips_mixer, self.config)
+        return refiner.refine(grids, points, start, past=past, frame_chunk=frame_chunk)
 
     def _state_shapes(self, n_points: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Shapes of both parts of a mixer state; a network that is not causal has none."""

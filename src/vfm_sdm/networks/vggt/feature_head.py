@@ -17,9 +17,10 @@ _FRAMES = 8
 class FeatureHead(nn.Module):
     """Feature maps of frames from four layers of the aggregator.
 
-    References ---------- .. [1] Ranftl, R., Bochkovskiy, A., Koltun, V. (2021). Vision transformers for dense
-    prediction. IEEE/CVF International
-       Conference on Computer Vision.
+    References
+    ----------
+    .. [1] Ranftl, R., Bochkovskiy, A., Koltun, V. (2021). Vision transformers for dense prediction. IEEE/CVF
+       International Conference on Computer Vision.
     """
 
     def __init__(self, config: VggtConfig) -> None:

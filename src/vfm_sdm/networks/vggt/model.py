@@ -26,9 +26,10 @@ class Vggt(nn.Module):
     camera, track
         Whether to build the camera head and the tracking head.
 
-    References ---------- .. [1] Wang, J., Chen, M., Karaev, N., Vedaldi, A., Rupprecht, C., Novotny, D. (2025). VGGT:
-    visual geometry grounded
-       transformer. IEEE/CVF Conference on Computer Vision and Pattern Recognition.
+    References
+    ----------
+    .. [1] Wang, J., Chen, M., Karaev, N., Vedaldi, A., Rupprecht, C., Novotny, D. (2025). VGGT: visual geometry
+       grounded transformer. IEEE/CVF Conference on Computer Vision and Pattern Recognition.
     """
 
     def __init__(self, config: VggtConfig | None = None, *, camera: bool = True, track: bool = True) -> None:

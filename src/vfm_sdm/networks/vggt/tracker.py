@@ -40,9 +40,10 @@ class PointTracks:
 class PointTracker(nn.Module):
     """Iterative tracker on feature maps.
 
-    References ---------- .. [1] Wang, J., Chen, M., Karaev, N., Vedaldi, A., Rupprecht, C., Novotny, D. (2025). VGGT:
-    visual geometry grounded
-       transformer. IEEE/CVF Conference on Computer Vision and Pattern Recognition.
+    References
+    ----------
+    .. [1] Wang, J., Chen, M., Karaev, N., Vedaldi, A., Rupprecht, C., Novotny, D. (2025). VGGT: visual geometry
+       grounded transformer. IEEE/CVF Conference on Computer Vision and Pattern Recognition.
     .. [2] Karaev, N., Rocco, I., Graham, B., Neverova, N., Vedaldi, A., Rupprecht, C. (2024). CoTracker: it is better
        to track together. European Conference on Computer Vision.
     """

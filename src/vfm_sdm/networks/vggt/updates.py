@@ -25,9 +25,10 @@ class UpdateTransformer(nn.Module):
     out
         Channels of the correction.
 
-    References ---------- .. [1] Karaev, N., Rocco, I., Graham, B., Neverova, N., Vedaldi, A., Rupprecht, C. (2024).
-    CoTracker: it is better to
-       track together. European Conference on Computer Vision.
+    References
+    ----------
+    .. [1] Karaev, N., Rocco, I., Graham, B., Neverova, N., Vedaldi, A., Rupprecht, C. (2024). CoTracker: it is better
+       to track together. European Conference on Computer Vision.
     """
 
     def __init__(self, config: VggtConfig, channels: int, out: int) -> None:

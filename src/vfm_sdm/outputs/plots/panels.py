@@ -103,17 +103,19 @@ def plot_displacement(
 
     Examples
     --------
-    >>> from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
     >>> displacement = make_displacement(
     ...     np.arange(90) / 30,
     ...     ["mid"],
     ...     STRUCTURE_AXES,
-    ...     displacement_mm=np.sin(np.arange(90) / 5)[:, None, None] * [1.0, 2.0, 0.1],
-    ...     displacement_std_mm=np.full((90, 1, 3), 0.1),
-    ...     scale_std=np.full((1, 3), 0.01),
-    ...     position_m=np.zeros((90, 1, 3)),
-    ...     reprojection_error_px=np.zeros((90, 1)),
-    ...     status=np.zeros((90, 1)),
+    ...     DisplacementArrays(
+    ...         displacement_mm=np.sin(np.arange(90) / 5)[:, None, None] * [1.0, 2.0, 0.1],
+    ...         displacement_std_mm=np.full((90, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((90, 1, 3)),
+    ...         reprojection_error_px=np.zeros((90, 1)),
+    ...         status=np.zeros((90, 1)),
+    ...     ),
     ...     attrs={"frame": "structure"},
     ... )
     >>> plot_displacement(displacement, axis="vertical").get_title(loc="left")

@@ -20,7 +20,7 @@ from vfm_sdm.signals.clocks import ROUNDED_STAMPS
 __all__ = ["Writer", "to_csv", "to_mat", "to_uff", "write_displacement", "write_export"]
 
 Writer = Callable[[Path, xr.Dataset], None]
-"""See `write_export`."""
+"""Function that writes one file of displacement, see `write_export`."""
 
 # Codes of the universal file format, datasets 58 and 164.
 _TIME_RESPONSE = 1
@@ -39,7 +39,8 @@ def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
     folder
         The run folder; made when absent.
     displacement
-        See `vfm_sdm.core.datasets`. Attributes may be text, numbers, lists, ``None`` and tables of these.
+        Displacement dataset, shape (T, P, 3) [mm]. Attributes may be text, numbers, lists, ``None`` and tables of
+        these.
 
     Raises
     ------
@@ -47,6 +48,28 @@ def write_displacement(folder: Path | str, displacement: xr.Dataset) -> Path:
         A file cannot be written, or an attribute cannot be stored.
     DatasetError
         The dataset does not hold displacement.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
+    >>> displacement = make_displacement(
+    ...     [0.0, 0.1],
+    ...     ["mid"],
+    ...     STRUCTURE_AXES,
+    ...     DisplacementArrays(
+    ...         displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
+    ...         displacement_std_mm=np.full((2, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((2, 1, 3)),
+    ...         reprojection_error_px=np.zeros((2, 1)),
+    ...         status=np.zeros((2, 1)),
+    ...     ),
+    ...     attrs={"frame": "structure"},
+    ... )
+    >>> with TemporaryDirectory() as folder:
+    ...     print(write_displacement(folder, displacement).name, len(list(Path(folder).iterdir())))
+    displacement.nc 2
     """
     storable(displacement)  # before anything is written
     # The table first: a later run takes displacement.nc as the sign that the result is complete.
@@ -60,11 +83,11 @@ def write_export(name: str, folder: Path | str, displacement: xr.Dataset) -> Pat
     Parameters
     ----------
     name
-        Of the writer (``csv``, ``mat``, ``uff``, or another package's), and the file's suffix.
+        Name of the writer (``csv``, ``mat``, ``uff``, or another package's), which is also the file's suffix.
     folder
         The run folder; made when absent.
     displacement
-        See `vfm_sdm.core.datasets`.
+        Displacement dataset, shape (T, P, 3) [mm].
 
     Raises
     ------
@@ -79,6 +102,29 @@ def write_export(name: str, folder: Path | str, displacement: xr.Dataset) -> Pat
     -----
     A writer is a function of the path to write to and of the checked dataset, whose dims are in the order ``time,
     point, axis``. It writes one file, and raises `ResultsError` where the data do not allow one.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
+    >>> displacement = make_displacement(
+    ...     [0.0, 0.1],
+    ...     ["mid"],
+    ...     STRUCTURE_AXES,
+    ...     DisplacementArrays(
+    ...         displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
+    ...         displacement_std_mm=np.full((2, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((2, 1, 3)),
+    ...         reprojection_error_px=np.zeros((2, 1)),
+    ...         status=np.zeros((2, 1)),
+    ...     ),
+    ...     attrs={"frame": "structure"},
+    ... )
+    >>> with TemporaryDirectory() as folder:
+    ...     path = write_export("csv", folder, displacement)
+    ...     print(path.name, len(path.read_text().splitlines()))
+    displacement.csv 3
     """
     return _write(find("writers", name).load(), name, folder, displacement)
 
@@ -99,10 +145,19 @@ def _write(writer: Writer, name: str, folder: Path | str, displacement: xr.Datas
 
 
 def to_csv(path: Path, displacement: xr.Dataset) -> None:
-    """A table: one row a frame, units in the column names, empty cells where there is no value.
+    """Writes a table: one row for each frame, units in the column names, empty cells where there is no value.
 
-    Columns: ``time_s``; for each point ``<point> <axis> [mm]`` and ``<point> <axis> std [mm]`` (random part) for each
-    axis, and ``<point> status`` in words.
+    Parameters
+    ----------
+    path
+        File to write.
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
+
+    Notes
+    -----
+    The columns are ``time_s``; for each point ``<point> <axis> [mm]`` and ``<point> <axis> std [mm]`` (random part) for
+    each axis, and ``<point> status`` in words.
     """
     points, axes = _names(displacement, "point"), _names(displacement, "axis")
     header = ["time_s"]
@@ -122,11 +177,20 @@ def to_csv(path: Path, displacement: xr.Dataset) -> None:
 
 
 def to_mat(path: Path, displacement: xr.Dataset) -> None:
-    """MATLAB's version 5 with the arrays, names and units of the dataset.
+    """Writes MATLAB's version 5 with the arrays, names and units of the dataset.
 
-    Variables: ``time_s`` (T, 1), ``points`` and ``axes`` (cell arrays), ``displacement_mm``, ``displacement_std_mm``
-    and ``position_m`` (T, P, 3), ``scale_std`` (P, 3), ``reprojection_error_px`` and ``status`` (T, P),
-    ``status_meanings`` (cell array; code 0 is the first) and ``frame``.
+    Parameters
+    ----------
+    path
+        File to write.
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
+
+    Notes
+    -----
+    The variables are ``time_s`` (T, 1), ``points`` and ``axes`` (cell arrays), ``displacement_mm``,
+    ``displacement_std_mm`` and ``position_m`` (T, P, 3), ``scale_std`` (P, 3), ``reprojection_error_px`` and ``status``
+    (T, P), ``status_meanings`` (cell array; code 0 is the first) and ``frame``.
     """
     content = {
         "time_s": displacement["time"].values,
@@ -145,17 +209,26 @@ def to_mat(path: Path, displacement: xr.Dataset) -> None:
 
 
 def to_uff(path: Path, displacement: xr.Dataset) -> None:
-    """Universal file format, one dataset 58 a point and axis, SI units (metres).
+    """Writes the universal file format: one dataset 58 for each point and axis, in SI units (metres).
 
-    Nodes are the points in their order, from 1; directions 1, 2, 3 are the axes in their order. Samples without a
-    value are left out; such a series, or one whose frames are unevenly spaced, is written with its time stamps, which
-    the format keeps to six digits. A series without any value is left out. Letters outside ASCII become ``?``, line
-    breaks in names blanks.
+    Parameters
+    ----------
+    path
+        File to write.
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
 
     Raises
     ------
     ResultsError
         There is no value to write.
+
+    Notes
+    -----
+    Nodes are the points in their order, from 1; directions 1, 2, 3 are the axes in their order. Samples without a
+    value are left out; such a series, or one whose frames are unevenly spaced, is written with its time stamps, which
+    the format keeps to six digits. A series without any value is left out. Letters outside ASCII become ``?``, line
+    breaks in names blanks.
 
     References
     ----------

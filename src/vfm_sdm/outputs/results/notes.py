@@ -1,4 +1,4 @@
-"""What a reader of a summary must know beside the figures: recordings, clocks, refinement, and notes on each."""
+"""Descriptions of recordings, clocks and refinement for the reader of a summary, and notes on each."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,22 +19,34 @@ __all__ = [
 ]
 
 _CLEAN_BITS_PER_PIXEL = 1.0
-"""Above this H.264 keeps the motion to better than 1 % (docs/decisions/008-compression.md)."""
-_CARRIED = 3.0
-"""A result is carried by the assumption when that adds so many times the random part to its uncertainty."""
+"""Bits a pixel above which H.264 keeps the motion to better than 1 % (docs/decisions/008-compression.md)."""
+_MOSTLY_ASSUMED = 3.0
+"""Ratio of the assumption's part of the uncertainty to the random part above which a note says so."""
 
 
 def describe_recording(tracks: xr.Dataset) -> dict[str, Any]:
-    """Size of the pictures and what the decoder said of a view's recording."""
+    """Size of a view's pictures [px] and the decoder's report on its recording.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of the view, shape (T, P, 2) [px], with their attributes.
+    """
     size = {"width": tracks.attrs.get("image_width"), "height": tracks.attrs.get("image_height")}
     return {**size, **tracks.attrs.get("recording", {})}
 
 
 def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
-    """What a user must know about the recordings: ended early, frames missing or repeated."""
+    """Sentences on recordings that ended early, lack or repeat frames, or are compressed strongly.
+
+    Parameters
+    ----------
+    tracks
+        Tracks by view, shape (T, P, 2) [px], with their attributes.
+    """
     notes = []
-    for view, of_view in tracks.items():
-        record = describe_recording(of_view)
+    for view, found in tracks.items():
+        record = describe_recording(found)
         if record.get("status", RecordingStatus.OK) != RecordingStatus.OK:
             notes.append(f"view {view!r}: {record['status']}: {record.get('message', '')}")
         if record.get("bits_per_pixel", np.nan) < _CLEAN_BITS_PER_PIXEL:
@@ -49,21 +61,33 @@ def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
 
 
 def describe_clocks(displacement: xr.Dataset) -> dict[str, Any]:
-    """What the motion tells of each further view's clock, by view; empty where it was not asked."""
+    """Offset [s] and rate [1] of each further view's clock from its motion, by view; empty where it was not used.
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm], with its variables on ``view``.
+    """
     names = {"status": "clock_status", "offset_s": "clock_offset"}
     names |= {"offset_std_s": "clock_offset_std", "rate_ratio": "clock_rate"}
-    found = _by_view(displacement, names)
+    found = _read_by_view(displacement, names)
     return {view: row for view, row in list(found.items())[1:] if row["status"] != ClockStatus.STATED}
 
 
 def describe_camera_motion(displacement: xr.Dataset) -> dict[str, Any]:
-    """What the static points show of each camera's motion, by view; empty where it was not looked for."""
+    """Motion of each camera from the static points [px], by view; empty where it was not looked for.
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm], with its variables on ``view``.
+    """
     names = {"status": "camera_motion_status", "static_rms_before_px": "camera_motion_before"}
-    return _by_view(displacement, names | {"static_rms_after_px": "camera_motion_after"})
+    return _read_by_view(displacement, names | {"static_rms_after_px": "camera_motion_after"})
 
 
-def _by_view(displacement: xr.Dataset, names: Mapping[str, str]) -> dict[str, Any]:
-    """Values of variables on ``view`` by view and by what the summary calls them; empty where there are none."""
+def _read_by_view(displacement: xr.Dataset, names: Mapping[str, str]) -> dict[str, Any]:
+    """Values of variables on ``view`` by view and by their names in the summary; empty where there are none."""
     if any(variable not in displacement for variable in names.values()):
         return {}
     return {
@@ -73,7 +97,13 @@ def _by_view(displacement: xr.Dataset, names: Mapping[str, str]) -> dict[str, An
 
 
 def describe_refinement(displacement: xr.Dataset) -> dict[str, Any]:
-    """What became of each point in the refinement, by point; empty without one."""
+    """Status, view and share of the assumption [1] of each refined point, by point; empty without refinement.
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
+    """
     if "prior_share" not in displacement:
         return {}
     rows = zip(
@@ -83,14 +113,24 @@ def describe_refinement(displacement: xr.Dataset) -> dict[str, Any]:
         displacement["prior_share"].values,
         strict=True,
     )
-    return {
+    described = {
         str(point): {"status": status, "view": view or None, "prior_share": float(share)}
         for point, status, view, share in rows
     }
+    if "reference_views" in displacement:  # of two views that is the other one
+        for row, views in zip(described.values(), displacement["reference_views"].values, strict=True):
+            row["reference_views"] = str(views)
+    return described
 
 
 def displacement_notes(displacement: xr.Dataset | None) -> list[str]:
-    """Views whose offset the motion did not tell, and points that were not refined."""
+    """Sentences on views whose offset the motion did not tell, and on points that were not refined.
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm]; without one there are no notes.
+    """
     if displacement is None:
         return []
     notes = [
@@ -107,7 +147,7 @@ def displacement_notes(displacement: xr.Dataset | None) -> list[str]:
 
 
 def _assumption_notes(displacement: xr.Dataset) -> list[str]:
-    """Refined points and axes whose uncertainty is mostly that of the assumption, not of the images."""
+    """Sentence on points and axes whose uncertainty comes mostly from the assumption, not from the images."""
     if "prior_share" not in displacement or "uncertainty" not in displacement:
         return []
     squares = displacement["uncertainty"].values ** 2
@@ -116,12 +156,13 @@ def _assumption_notes(displacement: xr.Dataset) -> list[str]:
     random, assumption = (rms[list(COMPONENTS).index(name)] for name in ("random", "assumption"))
     names = [str(name) for name in displacement["point"].values]
     points = {
-        str(axis): assumption[:, n] > _CARRIED * random[:, n] for n, axis in enumerate(displacement["axis"].values)
+        str(axis): assumption[:, n] > _MOSTLY_ASSUMED * random[:, n]
+        for n, axis in enumerate(displacement["axis"].values)
     }
     carried = [
-        f"{axis} of {', '.join(repr(name) for name, mostly in zip(names, of_axis, strict=True) if mostly)}"
-        for axis, of_axis in points.items()
-        if of_axis.any()
+        f"{axis} of {', '.join(repr(name) for name, mostly in zip(names, above, strict=True) if mostly)}"
+        for axis, above in points.items()
+        if above.any()
     ]
     what = "the assumption that hardly anything moves along the suppressed axis says more than the images do about"
     return [f"refinement: {what} {'; '.join(carried)}"] if carried else []

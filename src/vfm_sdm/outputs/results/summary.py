@@ -1,4 +1,4 @@
-"""``summary.json``: what a reader wants to know first, with null where nothing can be said."""
+"""``summary.json``: the main values of a measurement, with null where nothing is known."""
 
 import json
 from collections.abc import Mapping
@@ -46,12 +46,24 @@ def write_summary(folder: Path | str, summary: Mapping[str, Any]) -> Path:
     ------
     ResultsError
         The file cannot be written, or a value is of another type.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     print(read_summary(write_summary(folder, {"status": "ok", "epipolar_rms_px": float("nan")})))
+    {'status': 'ok', 'epipolar_rms_px': None}
     """
     return write_json(Path(folder) / "summary.json", summary, label="summary")
 
 
 def read_summary(path: Path | str) -> dict[str, Any]:
-    """The summary of a run folder, or in the file itself.
+    """The summary of a run folder.
+
+    Parameters
+    ----------
+    path
+        The run folder, or the file itself.
 
     Raises
     ------
@@ -73,16 +85,18 @@ def read_summary(path: Path | str) -> dict[str, Any]:
 def describe_measurement(
     cameras: CameraSolution, tracks: Mapping[str, xr.Dataset], displacement: xr.Dataset | None, audit: Audit | None
 ) -> dict[str, Any]:
-    """What the products of a measurement say, ready for `write_summary`.
+    """Main values of the products of a measurement, ready for `write_summary`.
 
     Parameters
     ----------
     cameras
         Cameras, axes and points.
     tracks
-        By view, each on its own clock.
-    displacement, audit
-        Result and checks; ``None`` where there are none.
+        Tracks by view, shape (T, P, 2) [px], each on its own clock.
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm]; ``None`` where there is none.
+    audit
+        Checks and verdict; ``None`` where there are none.
     """
     return {
         "status": cameras.status,
@@ -106,12 +120,12 @@ def describe_measurement(
 
 
 def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
-    """Figures of each point and axis, ready for `write_summary`.
+    """Main values of each point and axis, ready for `write_summary`.
 
     Parameters
     ----------
     displacement
-        See `vfm_sdm.core.datasets`.
+        Displacement dataset, shape (T, P, 3) [mm].
 
     Returns
     -------
@@ -120,14 +134,35 @@ def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
         and ``axes``, by axis name: ``peak_to_peak_mm``, ``rms_mm`` (about the zero of the displacement),
         ``random_std_mm`` (median), ``scale_std`` [1], ``expanded_uncertainty_mm`` (of the peak-to-peak, k = 2),
         ``budget_mm`` (root mean square over time of each component of the uncertainty of a sample, k = 1) and
-        ``dominant_frequency_hz``. Only frames with status ok count; None where these do not tell.
+        ``dominant_frequency_hz``. Only frames with status ok count; the value is None where these do not tell it.
 
     Notes
     -----
     The peak-to-peak is ``x_a - x_b`` with the extremes at frames a and b. Components of the uncertainty that are
     proportional to the motion add up over the two, the others are taken as independent. Where a dataset holds no
-    budget, ``U = 2 sqrt(s_a^2 + s_b^2 + (s_scale (x_a - x_b))^2)`` from its random part and scale. The tendency of
-    extremes of noise to lie apart is not in it: of motion within the noise, the peak-to-peak shows the noise.
+    budget, the expanded uncertainty is ``U = 2 sqrt(s_a^2 + s_b^2 + (s_scale (x_a - x_b))^2)`` from its random part and
+    scale. The tendency of extremes of noise to lie apart is not in it: of motion within the noise, the peak-to-peak
+    shows the noise.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import DisplacementArrays, STRUCTURE_AXES, make_displacement
+    >>> displacement = make_displacement(
+    ...     [0.0, 0.1],
+    ...     ["mid"],
+    ...     STRUCTURE_AXES,
+    ...     DisplacementArrays(
+    ...         displacement_mm=[[[0.0, 0.0, 0.0]], [[0.5, 2.0, 0.1]]],
+    ...         displacement_std_mm=np.full((2, 1, 3), 0.1),
+    ...         scale_std=np.full((1, 3), 0.01),
+    ...         position_m=np.zeros((2, 1, 3)),
+    ...         reprojection_error_px=np.zeros((2, 1)),
+    ...         status=np.zeros((2, 1)),
+    ...     ),
+    ...     attrs={"frame": "structure"},
+    ... )
+    >>> summarize_displacement(displacement)["mid"]["axes"]["vertical"]["peak_to_peak_mm"]
+    2.0
     """
     data = check_displacement(displacement)
     time_s = data["time"].values
@@ -139,46 +174,48 @@ def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
         summary[str(point)] = {
             "coverage_valid": float(ok.mean()) if ok.size else None,
             "status_counts": {name: int((status == code).sum()) for code, name in enumerate(STATUS_MEANINGS)},
-            "axes": {str(axis): _axis_figures(of_point.sel(axis=axis), time_s, ok) for axis in data["axis"].values},
+            "axes": {str(axis): _summarize_axis(of_point.sel(axis=axis), time_s, ok) for axis in data["axis"].values},
         }
     return summary
 
 
-def _axis_figures(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict[str, Any]:
+def _summarize_axis(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict[str, Any]:
     values = np.where(ok, series["displacement"].values, np.nan)
     std = series["displacement_std"].values
     scale_std = float(series["scale_std"])
     found = np.isfinite(values)
-    figures: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "peak_to_peak_mm": None,
         "rms_mm": None,
         "random_std_mm": None,
-        "scale_std": _or_none(scale_std),
+        "scale_std": _replace_unknown(scale_std),
         "expanded_uncertainty_mm": None,
         "budget_mm": None,
         "dominant_frequency_hz": None,
     }
     if not found.any():
-        return figures
+        return summary
     top, bottom = int(np.nanargmax(values)), int(np.nanargmin(values))
     span = float(values[top] - values[bottom])
     known_std = std[found & np.isfinite(std)]
-    figures["peak_to_peak_mm"] = span
-    figures["rms_mm"] = float(np.sqrt(np.mean(values[found] ** 2)))
-    figures["random_std_mm"] = float(np.median(known_std)) if known_std.size else None
+    summary["peak_to_peak_mm"] = span
+    summary["rms_mm"] = float(np.sqrt(np.mean(values[found] ** 2)))
+    summary["random_std_mm"] = float(np.median(known_std)) if known_std.size else None
     variance = std[top] ** 2 + std[bottom] ** 2 + (scale_std * span) ** 2
     if "uncertainty" in series:
         budget = {str(name): series["uncertainty"].sel(component=name).values for name in series["component"].values}
-        figures["budget_mm"] = {name: _or_none(float(np.sqrt(np.mean(u[found] ** 2)))) for name, u in budget.items()}
-        # What grows with the motion has opposite signs at the extremes, and errs alike.
+        summary["budget_mm"] = {
+            name: _replace_unknown(float(np.sqrt(np.mean(u[found] ** 2)))) for name, u in budget.items()
+        }
+        # Errors that grow with the motion have opposite signs at the extremes, and add up.
         variance = sum(
             (u[top] + u[bottom]) ** 2 if name in _PROPORTIONAL else u[top] ** 2 + u[bottom] ** 2
             for name, u in budget.items()
         )
-    figures["expanded_uncertainty_mm"] = _or_none(COVERAGE_FACTOR * float(np.sqrt(variance)))
-    figures["dominant_frequency_hz"] = dominant_frequency(time_s, values)
-    return figures
+    summary["expanded_uncertainty_mm"] = _replace_unknown(COVERAGE_FACTOR * float(np.sqrt(variance)))
+    summary["dominant_frequency_hz"] = dominant_frequency(time_s, values)
+    return summary
 
 
-def _or_none(value: float) -> float | None:
+def _replace_unknown(value: float) -> float | None:
     return value if np.isfinite(value) else None

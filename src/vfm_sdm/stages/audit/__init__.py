@@ -18,8 +18,10 @@ def audit(inputs: AuditInputs) -> Audit:
     inputs
         Products of the measurement.
 
-    Notes ----- No check compares with a reference sensor, so an error of all cameras, points and lengths alike stays
-    unseen: above all a wrong baseline where no other length was measured, of which the check of the scale warns.
+    Notes
+    -----
+    No check compares with a reference sensor, so an error of all cameras, points and lengths alike stays unseen: above
+    all a wrong baseline where no other length was measured, of which the check of the scale warns.
     """
     found = (_run_check(name, inputs) for name in part_names("checks"))
     return Audit(tuple(check for check in found if check is not None))

@@ -4,8 +4,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.statuses import ClockStatus, Outcome
-from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs, judge
-from vfm_sdm.stages.synchronize import Synchronization, estimate_view_lag
+from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs, Limits, judge
+from vfm_sdm.stages.synchronize import LagSearch, Synchronization, estimate_view_lag
 
 __all__ = ["check_drift", "check_synchronization"]
 
@@ -32,9 +32,7 @@ def check_synchronization(inputs: AuditInputs) -> AuditCheck:
     return judge(
         name,
         left,
-        caution=_LAG_CAUTION_S,
-        fail=_LAG_FAIL_S,
-        units="s",
+        Limits(_LAG_CAUTION_S, _LAG_FAIL_S, "s"),
         good="the views are synchronised",
         bad="'{}' is not synchronised with the reference view; let the motion do it (method.synchronization)",
     )
@@ -56,9 +54,7 @@ def check_drift(inputs: AuditInputs) -> AuditCheck:
     return judge(
         name,
         found,
-        caution=_LAG_CAUTION_S,
-        fail=_LAG_FAIL_S,
-        units="s",
+        Limits(_LAG_CAUTION_S, _LAG_FAIL_S, "s"),
         good="the clocks keep step",
         bad="the clock of '{}' drifts against the reference view's; use a shorter part, or a constant frame rate",
     )
@@ -73,8 +69,7 @@ def _estimate_lags(inputs: AuditInputs, aligned: xr.Dataset) -> dict[str, Synchr
             first,
             aligned.sel(view=view, drop=True),
             points=inputs.moving,
-            search_s=4 * _SEARCH_STD_S,
-            start_std_s=_SEARCH_STD_S,
+            search=LagSearch(4 * _SEARCH_STD_S, start_std_s=_SEARCH_STD_S),
         )
         for view in others
     }

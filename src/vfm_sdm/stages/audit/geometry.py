@@ -1,6 +1,7 @@
 """Checks of cameras and scale: measurements on site against the adjustment, and the views against each other."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import CameraStatus, Outcome
 from vfm_sdm.geometry.triangulation import sampson_error
-from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
 from vfm_sdm.stages.cameras.site import SiteQuantity
 
 __all__ = ["check_agreement", "check_baseline", "check_epipolar_level", "check_epipolar_motion", "check_site"]
@@ -53,9 +54,7 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
     judged = judge(
         name,
         tested,
-        caution=_W_CAUTION,
-        fail=_W_FAIL,
-        units="std",
+        Limits(_W_CAUTION, _W_FAIL, "std"),
         good="what was measured on site, the lenses and the images agree",
         bad="{} contradicts the rest; a lens, a tape reading or a point is wrong, and with it the scale",
     )
@@ -87,54 +86,45 @@ def check_baseline(inputs: AuditInputs) -> AuditCheck:
 
 def check_epipolar_level(inputs: AuditInputs) -> AuditCheck:
     """Distance of the moving points from the epipolar lines, median over time [px]: wrong point, wrong camera."""
-    name = "epipolar error"
-    level = {
-        p: float(np.nanmedian(np.abs(e))) for p, e in _compute_epipolar_errors(inputs).items() if np.isfinite(e).any()
-    }
+    level = {where: float(np.nanmedian(np.abs(error))) for where, (_, _, error) in _compare_pairs(inputs).items()}
     width = float(min(camera.image_size[0] for camera in inputs.cameras.rig.cameras)) if inputs.cameras.rig else 1.0
     return judge(
-        name,
+        "epipolar error",
         level,
-        caution=_LEVEL_CAUTION * width,
-        fail=_LEVEL_FAIL * width,
-        units="px",
+        Limits(_LEVEL_CAUTION * width, _LEVEL_FAIL * width, "px"),
         good="the views see the same points",
-        bad="point '{}' is another place in the second view, the views are swapped, or a camera is wrong",
+        bad="point '{}' is another place in another view, the views are swapped, or a camera is wrong",
     )
 
 
 def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
     """Motion of the epipolar error over time, as a share of the motion in the picture [1]."""
-    motion = np.fmin.reduce([inputs.motion_px(str(v)) for v in inputs.aligned["view"].values])
+    motion_px = {str(view): inputs.motion_px(str(view)) for view in inputs.aligned["view"].values}
     found = {}
-    for number, (point, error) in enumerate(_compute_epipolar_errors(inputs).items()):
+    for where, (point, pair, error) in _compare_pairs(inputs).items():
         known = np.isfinite(error)
-        if known.sum() > 2 and motion[number] > 0:
-            excess = float(np.var(error[known])) - NOISE_TRUST**2 * _compute_epipolar_variance(inputs, point)
-            found[point] = float(np.sqrt(max(excess, 0.0)) / motion[number])
+        motion = float(np.fmin.reduce([motion_px[view][inputs.moving.index(point)] for view in pair]))
+        if known.sum() > 2 and motion > 0:
+            excess = float(np.var(error[known])) - NOISE_TRUST**2 * _compute_epipolar_variance(inputs, point, pair)
+            found[where] = float(np.sqrt(max(excess, 0.0)) / motion)
     return judge(
         "epipolar error in motion",
         found,
-        caution=_RATIO_CAUTION,
-        fail=_RATIO_FAIL,
-        units="1",
-        good="both views see one motion",
-        bad="point '{}' moves differently in the two views: clocks, a track that slips, or a camera that moves",
+        Limits(_RATIO_CAUTION, _RATIO_FAIL, "1"),
+        good="the views see one motion",
+        bad="point '{}' moves differently in two views: clocks, a track that slips, or a camera that moves",
     )
 
 
 def check_agreement(inputs: AuditInputs) -> AuditCheck:
-    """Difference of the vertical motion that each view alone shows [1]."""
-    name = "left and right"
+    """Difference of the vertical motion that two views alone show, of the two that differ most [1]."""
     found = inputs.displacement["gain_difference"].sel(point=inputs.moving).values
     known = {p: abs(float(g)) for p, g in zip(inputs.moving, found, strict=True) if np.isfinite(g)}
     return judge(
-        name,
+        "agreement of the views",
         known,
-        caution=_GAIN_CAUTION,
-        fail=_GAIN_FAIL,
-        units="1",
-        good="both views show the same vertical motion",
+        Limits(_GAIN_CAUTION, _GAIN_FAIL, "1"),
+        good="the views show the same vertical motion",
         bad="the views disagree about how much '{}' moves up and down; one track slips or a scale is wrong",
     )
 
@@ -148,27 +138,31 @@ def _compute_redundancy(quantity: SiteQuantity) -> float:
     return max(0.0, 1.0 - float(quantity.std / quantity.prior_std) ** 2) if quantity.prior_std > 0 else 0.0
 
 
-def _compute_epipolar_errors(inputs: AuditInputs) -> dict[str, FloatArray]:
-    """Epipolar error of the moving points, worst of the further views, shape (T,) each [px]."""
+def _compare_pairs(inputs: AuditInputs) -> dict[str, tuple[str, tuple[str, str], FloatArray]]:
+    """Moving point, two views that see it, and its epipolar error, shape (T,) [px], by what to call them.
+
+    That is the point where there are two views, and the point in the two views where there are more.
+    """
     rig = inputs.cameras.rig
     if rig is None:
         return {}
     chosen = inputs.aligned.sel(point=inputs.moving)
     ok = (chosen["status"].values == Status.OK) | (chosen["status"].values == Status.UNRELIABLE)
     pixels = np.where(ok[..., None], chosen["position"].values, np.nan)
-    errors = [sampson_error(pixels[0], pixels[second], rig, second=second) for second in range(1, len(rig))]
-    if not errors:
-        return {}
-    stacked = np.stack(errors)
-    return {
-        point: stacked[int(np.argmax(np.nan_to_num(np.abs(stacked[:, :, n])).mean(axis=1))), :, n]
-        for n, point in enumerate(inputs.moving)
-    }
+    found = {}
+    for first, second in combinations(range(len(rig)), 2):
+        errors = sampson_error(pixels[first], pixels[second], rig, first=first, second=second)
+        pair = rig.names[first], rig.names[second]
+        for point, error in zip(inputs.moving, errors.T, strict=True):
+            if np.isfinite(error).any():
+                where = point if len(rig) == 2 else f"{point} in {pair[0]} and {pair[1]}"
+                found[where] = (point, pair, error)
+    return found
 
 
-def _compute_epipolar_variance(inputs: AuditInputs, point: str) -> float:
+def _compute_epipolar_variance(inputs: AuditInputs, point: str, pair: tuple[str, str]) -> float:
     """Mean variance of a point's epipolar error from its tracks' covariances [px2]."""
-    covariance = inputs.aligned.sel(point=point)["position_covariance"].values
+    covariance = inputs.aligned.sel(point=point, view=list(pair))["position_covariance"].values
     known = np.isfinite(covariance).all(axis=(0, 2, 3))
     # The error is a unit combination of all coordinates: the largest variance bounds its own.
     return float(np.linalg.eigvalsh(covariance[:, known])[..., -1].max(axis=0).mean()) if known.any() else float("nan")

@@ -1,19 +1,22 @@
 """Results of an audit: checks, each with a value and a sentence, and the verdict that follows from them."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray, mean_of_known
+from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray, mean_of_known
 from vfm_sdm.core.statuses import Outcome, Verdict
+from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
-__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "judge"]
+__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "Limits", "judge"]
+
+T = TypeVar("T")
 
 NOISE_TRUST = 1.5
 """Factor by which stated noise may be too small before what is left counts as motion [1]."""
@@ -99,40 +102,74 @@ class Audit:
         return next(check for check in self.checks if check.name == name)
 
 
-@dataclass(frozen=True, eq=False)
+class _Read(Generic[T]):
+    """A product that checks read."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, inputs: "AuditInputs", owner: type | None = None) -> T:
+        if self._name not in inputs.given:
+            raise DatasetError(
+                f"audit: expected the product {self._name!r}, got {sorted(inputs.given)}; give it to AuditInputs"
+            )
+        return cast(T, inputs.given[self._name])
+
+
 class AuditInputs:
-    """Products of a measurement that the checks read.
+    """Products of a measurement; each check reads those that it looks at, and asks for no others.
 
     Parameters
     ----------
-    session
-        The measurement on site and its settings.
-    cameras
-        Cameras, axes and the adjustment to the site.
-    tracks
-        Tracks by view, shape (T, P, 2) [px], each on its own clock.
-    aligned
-        Tracks on one clock, with a dim ``view``, shape (V, T, P, 2) [px], without the motion of the cameras as far as
-        it was removed; before any refinement.
-    displacement
-        The result, shape (T, P, 3) [mm], with its uncertainty budget.
-    unrefined
-        Displacement as the images alone give it, shape (T, P, 3) [mm]; equal to ``displacement`` where nothing was
-        refined.
-    camera_motion
-        Motion of the cameras by view; empty where it was not looked for.
-    frames
-        First frame of every view, shape (H, W); without them, nothing that needs images is checked.
+    products
+        By name, any of these:
+
+        session
+            The measurement on site and its settings.
+        cameras
+            Cameras, axes and the adjustment to the site.
+        tracks
+            Tracks by view, shape (T, P, 2) [px], each on its own clock.
+        aligned
+            Tracks on one clock, with a dim ``view``, shape (V, T, P, 2) [px], without the motion of the cameras as far
+            as it was removed; before any refinement.
+        displacement
+            The result, shape (T, P, 3) [mm], with its uncertainty budget.
+        unrefined
+            Displacement as the images alone give it, shape (T, P, 3) [mm]; equal to ``displacement`` where nothing was
+            refined.
+        camera_motion
+            Motion of the cameras by view; empty where it was not looked for.
+        frames
+            First frame of every view, shape (H, W); empty where nothing that needs images can be checked.
+
+    Raises
+    ------
+    DatasetError
+        There is no such product; or, where a check reads one, it was not given.
+
+    Examples
+    --------
+    >>> inputs = AuditInputs(tracks={}, camera_motion={})
+    >>> inputs.tracks
+    {}
     """
 
-    session: Session
-    cameras: CameraSolution
-    tracks: Mapping[str, xr.Dataset]
-    aligned: xr.Dataset
-    displacement: xr.Dataset
-    unrefined: xr.Dataset
-    camera_motion: Mapping[str, ViewMotion] = field(default_factory=dict)
-    frames: Mapping[str, LumaArray] = field(default_factory=dict)
+    session = _Read[Session]()
+    cameras = _Read[CameraSolution]()
+    tracks = _Read[Mapping[str, xr.Dataset]]()
+    aligned = _Read[xr.Dataset]()
+    displacement = _Read[xr.Dataset]()
+    unrefined = _Read[xr.Dataset]()
+    camera_motion = _Read[Mapping[str, ViewMotion]]()
+    frames = _Read[Mapping[str, LumaArray]]()
+
+    def __init__(self, **products: object) -> None:
+        known = sorted(name for name, one in vars(AuditInputs).items() if isinstance(one, _Read))
+        unknown = sorted(set(products) - set(known))
+        if unknown:
+            raise DatasetError(f"audit: expected products of {known}, got {unknown}; correct their names")
+        self.given = dict(products)
 
     @property
     def moving(self) -> list[str]:
@@ -141,11 +178,18 @@ class AuditInputs:
 
     @property
     def static(self) -> list[str]:
-        """Names of the points that must not move, as far as they were tracked in every view."""
-        named = [p.name for p in self.session.point if p.static]
-        found = np.isfinite(self.aligned["position"].values).all(axis=-1).all(axis=0).mean(axis=0) > 0.5
-        seen = [str(name) for name, ok in zip(self.aligned["point"].values, found, strict=True) if ok]
-        return [name for name in named if name in seen]
+        """Names of the points that must not move, as far as two views or more tracked them."""
+        return self._static_in(np.isfinite(self.aligned["position"].values).all(axis=-1).sum(axis=0) >= 2)
+
+    def static_in(self, view: str) -> list[str]:
+        """Names of those of `static` that a view tracked itself."""
+        found = self._static_in(np.isfinite(self.aligned["position"].sel(view=view).values).all(axis=-1))
+        return [name for name in self.static if name in found]
+
+    def _static_in(self, found: BoolArray) -> list[str]:
+        """Names of the static points that are found in most samples, from shape (T, P)."""
+        often = dict(zip(self.aligned["point"].values.tolist(), found.mean(axis=0) > 0.5, strict=True))
+        return [p.name for p in self.session.point if p.static and often.get(p.name, False)]
 
     def motion_px(self, view: str) -> FloatArray:
         """Root mean square motion of the structure's P points in a view, without the stated noise, shape (P,) [px].
@@ -167,9 +211,24 @@ class AuditInputs:
         return np.asarray(np.sqrt(np.maximum(variance - mean_of_known(noise), 0.0)))
 
 
-def judge(
-    name: str, found: Mapping[str, float], *, caution: float, fail: float, units: str, good: str, bad: str
-) -> AuditCheck:
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a check.
+
+    Parameters
+    ----------
+    caution, fail
+        Values from which on the check is a caution, and from which on it fails.
+    units
+        Units of the values and limits, such as ``px`` or ``s``.
+    """
+
+    caution: float
+    fail: float
+    units: str
+
+
+def judge(name: str, found: Mapping[str, float], limits: Limits, *, good: str, bad: str) -> AuditCheck:
     """A check of values that should be small, by the largest of them.
 
     Parameters
@@ -178,24 +237,22 @@ def judge(
         Name of the check.
     found
         Values by what they belong to; those that are NaN do not count. Without any the check is not possible.
-    caution, fail
-        Limits from which on the check is a caution, and from which on it fails.
-    units
-        Units of the values and limits, such as ``px`` or ``s``.
+    limits
+        From which values on the check is a caution, and from which on it fails.
     good, bad
         Sentence for a check that passed, and for one that did not, with ``{}`` for what has the largest value.
 
     Examples
     --------
-    >>> limits = {"caution": 0.1, "fail": 0.5, "units": "px"}
-    >>> check = judge("drift", {"left": 0.02, "right": 0.2}, **limits, good="still", bad="view {} drifts")
+    >>> found = {"left": 0.02, "right": 0.2}
+    >>> check = judge("drift", found, Limits(caution=0.1, fail=0.5, units="px"), good="still", bad="view {} drifts")
     >>> str(check.outcome), check.where, round(check.share_of_limit, 3), check.sentence
     ('caution', 'right', 2.0, 'view right drifts')
     """
     known = {where: value for where, value in found.items() if np.isfinite(value)}
     if not known:
-        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), caution, units, "nothing to look at")
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), limits.caution, limits.units, "nothing to look at")
     where, value = max(known.items(), key=lambda pair: pair[1])
-    outcome = Outcome.FAIL if value >= fail else Outcome.CAUTION if value >= caution else Outcome.PASS
+    outcome = Outcome.FAIL if value >= limits.fail else Outcome.CAUTION if value >= limits.caution else Outcome.PASS
     sentence = good if outcome == Outcome.PASS else bad.replace("{}", where)
-    return AuditCheck(name, outcome, float(value), caution, units, sentence, where)
+    return AuditCheck(name, outcome, float(value), limits.caution, limits.units, sentence, where)

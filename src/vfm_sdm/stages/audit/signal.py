@@ -8,9 +8,9 @@ from scipy.ndimage import shift as shift_image
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import Outcome, RecordingStatus, RefinementStatus
-from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
-from vfm_sdm.stages.registration.subsets import register_subset
+from vfm_sdm.stages.registration.subsets import Starts, register_subset
 
 __all__ = ["check_gain", "check_recording", "check_refinement", "check_signal"]
 
@@ -56,9 +56,11 @@ def check_signal(inputs: AuditInputs) -> AuditCheck:
 def check_gain(inputs: AuditInputs) -> AuditCheck:
     """Error of the registration's gain for shifts of parts of a pixel that are put into the first frames [1].
 
-    Notes ----- The shifted picture gets noise of its own, as much as the frame seems to have, because noise draws the
-    gain of a weak texture towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera
-    would see them.
+    Notes
+    -----
+    The shifted picture gets noise of its own, as much as the frame seems to have, because noise draws the gain of a
+    weak texture towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera would see
+    them.
 
     The gain of registration says nothing of a network that follows points by itself; its gain is unknown.
     """
@@ -79,9 +81,7 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
     return judge(
         _GAIN,
         found,
-        caution=_GAIN_CAUTION,
-        fail=_GAIN_FAIL,
-        units="1",
+        Limits(_GAIN_CAUTION, _GAIN_FAIL, "1"),
         good="known shifts of parts of a pixel come out at their full size",
         bad="known shifts come out wrong at {}: too little texture for the noise; use a larger subset",
     )
@@ -103,9 +103,7 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
     return judge(
         name,
         share,
-        caution=_DROPPED_CAUTION,
-        fail=_DROPPED_FAIL,
-        units="1",
+        Limits(_DROPPED_CAUTION, _DROPPED_FAIL, "1"),
         good="no frame is missing or repeated",
         bad="the recording of '{}' lacks frames or repeats them",
     )
@@ -166,7 +164,9 @@ def _measure_gain(image: LumaArray, place: tuple[float, float], subset_px: int) 
         moved = shift_image(grey, (dv, du), order=5, mode="reflect") + rng.normal(0, noise, grey.shape)
         # In 16 bit, so that rounding does not matter, whatever the recording has.
         as_filmed = np.clip(np.rint(_FINE * moved), 0, np.iinfo(np.uint16).max).astype(np.uint16)
-        result = register_subset(_FINE * patch.astype(np.uint16), as_filmed, center, center, subset_px=subset_px)
+        result = register_subset(
+            _FINE * patch.astype(np.uint16), as_filmed, center, Starts(center), subset_px=subset_px
+        )
         if result.converged[0]:
             injected.append((du, dv))
             found.append(result.position[0] - center[0])

@@ -8,7 +8,7 @@ import xarray as xr
 from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known, unbroken_runs
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import Outcome
-from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, judge
+from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
 
 __all__ = [
     "check_camera_motion",
@@ -47,9 +47,7 @@ def check_tracked(inputs: AuditInputs) -> AuditCheck:
     return judge(
         "samples missing",
         dict(zip(inputs.moving, (status != Status.OK).mean(axis=0), strict=True)),
-        caution=_MISSING_CAUTION,
-        fail=_MISSING_FAIL,
-        units="1",
+        Limits(_MISSING_CAUTION, _MISSING_FAIL, "1"),
         good="hardly any sample is missing",
         bad="point '{}' was lost, left the picture or is not to be trusted in part of the recording",
     )
@@ -72,11 +70,9 @@ def check_frozen(inputs: AuditInputs) -> AuditCheck:
     return judge(
         "frozen tracks",
         found,
-        caution=_FROZEN_CAUTION,
-        fail=_FROZEN_FAIL,
-        units="1",
+        Limits(_FROZEN_CAUTION, _FROZEN_FAIL, "1"),
         good="no track stands still while its point moves",
-        bad="{} stands still while the other view shows motion: frames repeated, or the tracker holds on to dirt",
+        bad="{} stands still while another view shows motion: frames repeated, or the tracker holds on to dirt",
     )
 
 
@@ -86,7 +82,7 @@ def check_slip(inputs: AuditInputs) -> AuditCheck:
     Notes
     -----
     A subset that slides over a texture moves a point where structures do not: along the structure (a slip along the
-    epipolar line) or apart in the two views (a slip across it). Means over eighths of the recording are compared; drift
+    epipolar line) or apart in two views (a slip across it). Means over eighths of the recording are compared; drift
     within their noise counts as none, and drift that all points share is no slip.
     """
     drifts, scale = {}, {}
@@ -110,9 +106,7 @@ def check_slip(inputs: AuditInputs) -> AuditCheck:
     return judge(
         "slipping tracks",
         found,
-        caution=_SLIP_CAUTION,
-        fail=_SLIP_FAIL,
-        units="1",
+        Limits(_SLIP_CAUTION, _SLIP_FAIL, "1"),
         good="no point drifts away from the others",
         bad="point '{}' drifts along the structure as no other point does: its track slips in one view",
     )
@@ -131,9 +125,7 @@ def check_static_points(inputs: AuditInputs) -> AuditCheck:
     return judge(
         name,
         found,
-        caution=_STILL_CAUTION,
-        fail=_STILL_FAIL,
-        units="1",
+        Limits(_STILL_CAUTION, _STILL_FAIL, "1"),
         good="what must not move does not",
         bad="point '{}' must not move and does: a tripod moves, or the point is not where it was meant",
     )
@@ -151,7 +143,7 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
     left, removed = {}, {}
     for view, tracks in inputs.tracks.items():
         structure = float(np.fmax.reduce(inputs.motion_px(view), initial=0.0))
-        common, noise = _compute_common_motion(tracks, inputs.static)
+        common, noise = _compute_common_motion(tracks, inputs.static_in(view))
         if not (structure > 0 and len(common)):
             continue
         moved = float(np.sqrt(max(float(common.var(axis=0).sum()) - (NOISE_TRUST * noise) ** 2, 0.0)) / structure)
@@ -164,9 +156,7 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
     check = judge(
         name,
         left,
-        caution=_STILL_CAUTION,
-        fail=_STILL_FAIL,
-        units="1",
+        Limits(_STILL_CAUTION, _STILL_FAIL, "1"),
         good="the cameras stood still",
         bad="camera '{}' moved: what stands still moves in its picture",
     )
@@ -188,7 +178,7 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
     found = {}
     for view, tracks in inputs.tracks.items():
         motion = inputs.motion_px(view)
-        common, _ = _compute_common_motion(tracks, inputs.static)
+        common, _ = _compute_common_motion(tracks, inputs.static_in(view))
         if not len(common) or not np.fmax.reduce(motion, initial=0.0) > 0:
             continue
         point = inputs.moving[int(np.nanargmax(motion))]
@@ -204,9 +194,7 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
     check = judge(
         name,
         found,
-        caution=_FOLLOWS_CAUTION,
-        fail=_FOLLOWS_FAIL,
-        units="1",
+        Limits(_FOLLOWS_CAUTION, _FOLLOWS_FAIL, "1"),
         good="the picture does not follow the structure",
         bad="the picture of '{}' follows the structure: the camera stabilises. Switch it off and film again",
     )
@@ -244,9 +232,7 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
     return judge(
         name,
         found,
-        caution=_HALVES_CAUTION,
-        fail=_HALVES_FAIL,
-        units="1",
+        Limits(_HALVES_CAUTION, _HALVES_FAIL, "1"),
         good="both halves of every subset move alike",
         bad="the halves of {} move apart: the square covers an edge, a plant or something else that moves",
     )
@@ -288,7 +274,7 @@ def _compute_common_motion(tracks: xr.Dataset, static: list[str]) -> tuple[Float
     """Mean motion of a view's static points, shape (T, 2) [px], and its noise, u and v together [px]."""
     chosen = tracks.sel(point=static)
     known = np.isfinite(chosen["position"].values).all(axis=(1, 2))
-    if known.sum() < 10:
+    if not static or known.sum() < 10:
         return np.empty((0, 2)), float("nan")
     centred = chosen["position"].values - np.nanmean(chosen["position"].values[known], axis=0)
     variances = [_compute_noise(chosen.sel(point=point)) for point in static]

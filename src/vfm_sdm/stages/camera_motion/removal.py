@@ -152,7 +152,9 @@ def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Seq
     corrected, views = {}, {}
     for view, camera in zip(rig.names, rig.cameras, strict=True):
         jacobian = compute_motion_jacobian(camera, points3d)
-        corrected[view], views[view] = _remove_from_view(tracks[view], positions[view], jacobian, usable)
+        # A point that other views alone see says nothing of this camera.
+        seen_here = [index for index in usable if np.isfinite(positions[view][:, index]).any()]
+        corrected[view], views[view] = _remove_from_view(tracks[view], positions[view], jacobian, seen_here)
     return CameraMotion({view: corrected[view] for view in tracks}, {view: views[view] for view in tracks})
 
 

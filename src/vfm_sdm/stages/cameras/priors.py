@@ -72,10 +72,12 @@ class CameraPriors:
         source
             Name of the estimator; for the notes on contradictions.
 
-        Notes ----- The result is the mean of the logarithms, weighted by their precisions. When a focal length changes,
-        the standard deviation of the distortion changes with it, so that it stays the same at the image's corner.
-        Beyond three standard deviations one of the two is wrong, and a mean would be, too: the session's value stands,
-        and the status names the contradiction.
+        Notes
+        -----
+        The result is the mean of the logarithms, weighted by their precisions. When a focal length changes, the
+        standard deviation of the distortion changes with it, so that it stays the same at the image's corner. Beyond
+        three standard deviations one of the two is wrong, and a mean would be, too: the session's value stands, and the
+        status names the contradiction.
 
         Examples
         --------

@@ -57,10 +57,12 @@ class SfmCameras:
     BackendUnavailableError
         The package pycolmap is missing.
 
-    Notes ----- Intrinsics and distortion stay at what is known of the lens: two views of one place cannot tell the
-    focal length, and the matches of more views are used by the adjustment on site, which weighs them against the lens
-    prior. Poses and points refined here together with the focal length would use the same matches twice. For the same
-    reason the covariance of the result is the prior of that adjustment, with relative poses left free.
+    Notes
+    -----
+    Intrinsics and distortion stay at what is known of the lens: two views of one place cannot tell the focal length,
+    and the matches of more views are used by the adjustment on site, which weighs them against the lens prior. Poses
+    and points refined here together with the focal length would use the same matches twice. For the same reason the
+    covariance of the result is the prior of that adjustment, with relative poses left free.
 
     References
     ----------

@@ -117,7 +117,8 @@ def adjust_to_site(
     site
         What was measured on site.
     points
-        Named points' pixels in every view, shape (V, 2) each; ranges and lengths refer to them.
+        Named points' pixels, shape (V, 2) each, NaN where one of more than two views does not see a point; ranges and
+        lengths refer to them.
     face_points
         Names of those points that lie on the structure's face, whose perpendicular distance was measured.
     levels

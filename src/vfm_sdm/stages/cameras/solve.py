@@ -86,10 +86,10 @@ def solve_cameras(
 def _adjust(
     session: Session, prior: Rig, matches: tuple[Matches, ...], points: xr.Dataset
 ) -> tuple[SiteAdjustment, list[str]]:
-    """The cameras adjusted to everything measured on site to points seen in every view, and what had to be left out."""
+    """The cameras adjusted to everything measured on site to points seen in two views, and what had to be left out."""
     position = points["position"].transpose("point", "view", "pixel").values
-    everywhere = np.isfinite(position).all(axis=(1, 2))
-    seen = {str(n): uv for n, uv, ok in zip(points["point"].values, position, everywhere, strict=True) if ok}
+    enough = np.isfinite(position).all(axis=2).sum(axis=1) >= 2
+    seen = {str(n): uv for n, uv, ok in zip(points["point"].values, position, enough, strict=True) if ok}
     site, unused = _measured_to(session.site, seen)
     adjusted = adjust_to_site(
         prior,
@@ -107,12 +107,12 @@ def _adjust(
 
 
 def _measured_to(site: Site, seen: Mapping[str, FloatArray]) -> tuple[Site, list[str]]:
-    """The site without lengths to points that are not seen in every view, and what was left out."""
+    """The site without lengths to points that are not seen in two views, and what was left out."""
     ranges = tuple(r for r in site.range if r.point in seen)
     lengths = tuple(one for one in site.length if set(one.points) <= set(seen))
     lost = [f"range to {r.point!r}" for r in site.range if r not in ranges]
     lost += [f"length {one.points[0]!r} to {one.points[1]!r}" for one in site.length if one not in lengths]
-    notes = [f"{what} not used: its point was not found in every view" for what in lost]
+    notes = [f"{what} not used: its point was not found in a second view" for what in lost]
     return site.model_copy(update={"range": ranges, "length": lengths}), notes
 
 

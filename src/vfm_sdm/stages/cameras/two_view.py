@@ -36,10 +36,12 @@ MIN_INLIERS = 30
 class TwoViewCameras:
     """Estimator ``two-view``: robust relative poses of views from matched features.
 
-    Notes ----- Every further view is related to the first by its matches; its distance over that of the second view
-    follows from points that all three see. The covariance of the result is the prior for the adjustment on site: focal
-    length from the lens, the camera's file or EXIF, principal point and radial distortion as nuisance parameters, and a
-    relative pose that is free.
+    Notes
+    -----
+    Every further view is related to the first by its matches; its distance over that of the second view follows from
+    points that all three see. The covariance of the result is the prior for the adjustment on site: focal length from
+    the lens, the camera's file or EXIF, principal point and radial distortion as nuisance parameters, and a relative
+    pose that is free.
     """
 
     name = "two-view"
@@ -161,12 +163,15 @@ def estimate_relative_pose(
     inliers
         Which matches agree, shape (N,); all False when no pose was found.
 
-    Notes ----- LO-RANSAC [2]_ over the five-point solver [1]_, as in PoseLib, on undistorted pixels. The threshold is
-    wide (a thousandth of the image width) because the focal lengths may still be some per cent off.
+    Notes
+    -----
+    LO-RANSAC [2]_ over the five-point solver [1]_, as in PoseLib, on undistorted pixels. The threshold is wide (a
+    thousandth of the image width) because the focal lengths may still be some per cent off.
 
-    References ---------- .. [1] Nistér, D. (2004). An efficient solution to the five-point relative pose problem. IEEE
-    Transactions on Pattern
-       Analysis and Machine Intelligence 26(6), 756-770.
+    References
+    ----------
+    .. [1] Nistér, D. (2004). An efficient solution to the five-point relative pose problem. IEEE Transactions on
+       Pattern Analysis and Machine Intelligence 26(6), 756-770.
     .. [2] Chum, O., Matas, J., Kittler, J. (2003). Locally optimized RANSAC. DAGM Symposium on Pattern Recognition.
 
     Examples

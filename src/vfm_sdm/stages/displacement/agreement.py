@@ -1,4 +1,4 @@
-"""Do the views agree on how much a point moves? Vertical motion from each view of a pair alone, against both."""
+"""Agreement of the views on a point's motion: vertical motion from each view of a pair alone, against both."""
 
 from itertools import combinations
 
@@ -20,10 +20,18 @@ _STEP_M = 1e-4
 def compute_gain_difference(
     tracks: xr.Dataset, displacement: xr.Dataset, rig: Rig, frame: StructureFrame | None
 ) -> FloatArray:
-    """By how much more one view shows of each point's vertical motion than another, shape (P,) [1].
+    """Difference of each point's vertical motion in the two views that disagree most about it.
 
-    The first of the pair of views that disagree most, less the second; arguments and limits as in
-    `compute_pair_differences`.
+    Parameters
+    ----------
+    tracks, displacement, rig, frame
+        See `compute_pair_differences`.
+
+    Returns
+    -------
+    difference
+        Motion in the first of those views less that in the second, over their mean, shape (P,) [1]; NaN as in
+        `compute_pair_differences`.
     """
     by_pair = np.stack(list(compute_pair_differences(tracks, displacement, rig, frame).values()))
     worst = np.nan_to_num(np.abs(by_pair), nan=-1.0).argmax(axis=0)
@@ -33,29 +41,30 @@ def compute_gain_difference(
 def compute_pair_differences(
     tracks: xr.Dataset, displacement: xr.Dataset, rig: Rig, frame: StructureFrame | None
 ) -> dict[tuple[str, str], FloatArray]:
-    """By how much more the first view of every pair shows of each point's vertical motion than the second.
+    """Difference of each point's vertical motion in the two views of every pair, over their mean.
 
     Parameters
     ----------
     tracks
-        Synchronised tracks, in the order of the rig's cameras.
+        Synchronised tracks, in the order of the rig's cameras, shape (V, T, P, 2) [px].
     displacement
-        Made of them without refinement, at the same times.
+        Displacement from these tracks without refinement, shape (T, P, 3) [mm].
     rig, frame
         Metric cameras and the structure's axes.
 
     Returns
     -------
     differences
-        By the names of both views, shape (P,) [1]; NaN where the motion is not three times its noise, and without axes
+        Differences by the names of both views, shape (P,) [1]; positive where the first view shows
+        more motion; NaN where the motion is not three times its noise, and without axes
         or a second view.
 
     Notes
     -----
     The rows of each image, less what lateral and longitudinal motion make of them, are vertical motion by themselves.
     Each is compared with the mean of both, which has less noise than either, over the samples that both views see.
-    Whatever makes motion too small in one view only shows: compression, a subset that covers surroundings, a track that
-    slips.
+    Causes that make motion too small in one view only become visible: compression, a subset that covers surroundings, a
+    track that slips.
     """
     unknown = np.full(displacement.sizes["point"], np.nan)
     if frame is None or len(rig) < 2:
@@ -74,7 +83,7 @@ def compute_pair_differences(
 
 
 def _compare(series: xr.Dataset, rows: FloatArray, cameras: tuple[Camera, Camera], frame: StructureFrame) -> float:
-    """What the first of two views shows more of one point's vertical motion, from its rows (2, T) [px]."""
+    """Difference of one point's vertical motion between two views, from its rows, shape (2, T) [px]."""
     ok = (series["status"].values == Status.OK) & np.isfinite(series["displacement"].values).all(axis=1)
     ok &= np.isfinite(rows).all(axis=0)
     motion = series["displacement"].values[ok] / 1e3
@@ -85,10 +94,10 @@ def _compare(series: xr.Dataset, rows: FloatArray, cameras: tuple[Camera, Camera
         return float("nan")
     around = series["position"].values[ok].mean(axis=0) + _STEP_M * np.vstack([np.zeros(3), np.eye(3)])
     alone = []
-    for camera, of_view in zip(cameras, rows, strict=True):
+    for camera, row in zip(cameras, rows, strict=True):
         expected = camera.project(around @ frame.rotation)[:, 1]
         slope = (expected[1:] - expected[0]) / _STEP_M
-        seen = of_view[ok]
+        seen = row[ok]
         alone.append((seen - seen.mean() - motion @ (slope * [1.0, 0.0, 1.0])) / slope[1])
     both = (alone[0] + alone[1]) / 2
     return float((alone[0] - alone[1]) @ both / (both @ both))

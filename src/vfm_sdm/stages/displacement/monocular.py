@@ -1,32 +1,37 @@
-"""The paper's monocular baseline: motion in the image plane of one view, scaled by one known length."""
+"""The paper's monocular method: motion in the image plane of one view, scaled by one known length."""
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from vfm_sdm.core.arrays import as_float_array
-from vfm_sdm.core.datasets import check_tracks, make_displacement
+from vfm_sdm.core.datasets import DisplacementArrays, check_tracks, make_displacement
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
-from vfm_sdm.stages.displacement.stereo import _reference_position
+from vfm_sdm.stages.displacement.stereo import find_origin
 
 __all__ = ["PLANE_AXES", "compute_planar_displacement", "measure_planar", "scale_factor"]
 
 PLANE_AXES = ("right", "down")
 """Axes of a displacement in the image plane."""
 _NAMED_PIXEL_STD = 0.5
-"""How well a user points at the end of a length [px]."""
+"""Standard deviation of a user's pointing at the end of a length [px]."""
 
 
 def measure_planar(session: Session, tracks: xr.Dataset) -> xr.Dataset:
-    """Displacement in the image plane of a session's single view: a known length in it sets millimetres a pixel.
+    """Displacement in the image plane of a session's single view, scaled by a known length in it.
 
     Parameters
     ----------
     session
         Points, ``site.length`` (the first counts) and ``method.still_interval_s``.
     tracks
-        Tracks of the view.
+        Tracks of the view, shape (T, P, 2) [px].
+
+    Returns
+    -------
+    displacement
+        Displacement along ``right`` and ``down``, shape (T, P, 2) [mm].
 
     Raises
     ------
@@ -53,18 +58,19 @@ def compute_planar_displacement(
     Parameters
     ----------
     tracks
-        Tracks of one view (see `vfm_sdm.core.datasets`).
+        Tracks of one view, shape (T, P, 2) [px].
     mm_per_px
         Scale factor of a known length beside the points, see `scale_factor` [mm/px].
     scale_std
         Relative standard deviation of that factor [1].
     still_interval_s
-        Displacement is relative to the mean over this interval; else to the first valid sample of each point [s].
+        Beginning and end [s] of the interval whose mean is the origin of displacement; without it, the origin is the
+        first valid sample of each point.
 
     Returns
     -------
     displacement
-        Along the axes ``right`` and ``down`` of the picture [mm].
+        Displacement along the axes ``right`` and ``down`` of the picture, shape (T, P, 2) [mm].
 
     Raises
     ------
@@ -73,28 +79,39 @@ def compute_planar_displacement(
 
     Notes
     -----
-    The paper's monocular baseline: right only for motion parallel to the image plane, at the distance of the known
-    length. The standard deviation is that of the positions, without that of the factor. Positions in space and
+    This is the paper's monocular method. It holds only for motion parallel to the image plane, at the distance of the
+    known length. The standard deviation is that of the positions, without that of the factor. Positions in space and
     reprojection errors are NaN, because one view does not know them.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> position = [[[100.0, 200.0]], [[100.0, 201.5]]]
+    >>> tracks = make_tracks([0.0, 0.1], ["mid"], position, np.zeros((2, 1, 2, 2)), np.zeros((2, 1)), attrs={})
+    >>> displacement = compute_planar_displacement(tracks, mm_per_px=2.0, scale_std=0.01)
+    >>> displacement["displacement"].sel(axis="down").values.ravel().tolist()
+    [0.0, 3.0]
     """
     check_tracks(tracks)
     if not (np.isfinite(mm_per_px) and mm_per_px > 0):
         raise DatasetError(f"mm_per_px: expected a positive factor, got {mm_per_px}; use scale_factor")
     position = tracks["position"].values
     valid = np.isfinite(position).all(axis=2)
-    origin = _reference_position(position, valid, tracks["time"].values, still_interval_s)
+    origin = find_origin(position, valid, tracks["time"].values, still_interval_s)
     variance = np.einsum("tpkk->tpk", tracks["position_covariance"].values)
     frames, points, axes = position.shape
     return make_displacement(
         tracks["time"].values,
         [str(p) for p in tracks["point"].values],
         PLANE_AXES,
-        displacement_mm=(position - origin) * mm_per_px,
-        displacement_std_mm=np.sqrt(variance) * mm_per_px,
-        scale_std=np.full((points, axes), scale_std),
-        position_m=np.full((frames, points, axes), np.nan),
-        reprojection_error_px=np.full((frames, points), np.nan),
-        status=tracks["status"].values,
+        DisplacementArrays(
+            displacement_mm=(position - origin) * mm_per_px,
+            displacement_std_mm=np.sqrt(variance) * mm_per_px,
+            scale_std=np.full((points, axes), scale_std),
+            position_m=np.full((frames, points, axes), np.nan),
+            reprojection_error_px=np.full((frames, points), np.nan),
+            status=tracks["status"].values,
+        ),
         attrs={
             "frame": "image plane",
             "mm_per_px": mm_per_px,
@@ -117,6 +134,11 @@ def scale_factor(pixel_a: npt.ArrayLike, pixel_b: npt.ArrayLike, length_mm: floa
     ------
     DatasetError
         The pixels coincide or are not finite, or the length is not positive.
+
+    Examples
+    --------
+    >>> scale_factor([100.0, 200.0], [100.0, 300.0], 500.0)
+    5.0
     """
     ends = np.stack([as_float_array(pixel_a, "pixel_a", (2,)), as_float_array(pixel_b, "pixel_b", (2,))])
     distance_px = float(np.linalg.norm(ends[1] - ends[0]))

@@ -1,4 +1,4 @@
-"""The result of a measurement: displacement with its uncertainty, and the facts that later stages need beside it."""
+"""Result of a measurement: displacement with its uncertainty, and the facts that later stages need beside it."""
 
 from collections.abc import Mapping
 
@@ -24,21 +24,26 @@ def state_uncertainty(
     refinement: Refinement | None,
     suppressed_axis: str,
 ) -> xr.Dataset:
-    """Displacement with the budget of every sample, and on ``point`` the ``gain_difference`` [1] between the views.
+    """Displacement with the uncertainty budget of every sample, and the difference between the views.
 
     Parameters
     ----------
     displacement
-        The result, refined or not.
+        The result, refined or not, shape (T, P, 3) [mm].
     unrefined
-        Displacement as the images alone give it; the same where nothing was refined.
+        Displacement as the images alone give it, shape (T, P, 3) [mm]; the same where nothing was refined.
     aligned
-        Synchronised tracks before any refinement, with each view's clock and bits a pixel
+        Synchronised tracks before any refinement, shape (V, T, P, 2) [px], with each view's clock and bits a pixel
         (`vfm_sdm.stages.synchronize.synchronize_tracks`).
     cameras
         Metric cameras and the structure's axes.
     refinement, suppressed_axis
-        What was refined, ``None`` for nothing, and the axis along which motion was assumed to be small.
+        Result of the refinement, ``None`` without one, and the axis along which motion was assumed to be small.
+
+    Returns
+    -------
+    displacement
+        With the variables of `add_uncertainty`, and on ``point`` the ``gain_difference`` [1] between the views.
     """
     rig, frame = cameras
     views = [str(name) for name in aligned["view"].values]
@@ -60,18 +65,18 @@ def add_facts(
     motions: Mapping[str, ViewMotion],
     refinement: Refinement | None,
 ) -> xr.Dataset:
-    """Displacement with what is known of each view and point; samples are unreliable where a view's clock is unknown.
+    """Displacement with the facts about each view and point; samples are unreliable where a view's clock is unknown.
 
     Parameters
     ----------
     displacement
-        The result, with its budget.
+        The result with its budget, shape (T, P, 3) [mm].
     aligned
-        Synchronised tracks with each view's clock.
+        Synchronised tracks with each view's clock, shape (V, T, P, 2) [px].
     motions
         Motion of the cameras by view; empty where it was not looked for.
     refinement
-        What was refined; ``None`` for nothing.
+        Result of the refinement; ``None`` without one.
 
     Returns
     -------
@@ -85,11 +90,11 @@ def add_facts(
     facts = {name: aligned[name] for name in ("clock_offset", "clock_offset_std", "clock_rate", "clock_status")}
     displacement = displacement.assign(facts)
     if motions:
-        of_view = [motions[str(view)] for view in displacement["view"].values]
+        chosen = [motions[str(view)] for view in displacement["view"].values]
         displacement = displacement.assign(
-            camera_motion_before=("view", [m.rms_before_px for m in of_view], {"units": "px"}),
-            camera_motion_after=("view", [m.rms_after_px for m in of_view], {"units": "px"}),
-            camera_motion_status=("view", np.array([str(m.status) for m in of_view], dtype=object)),
+            camera_motion_before=("view", [m.rms_before_px for m in chosen], {"units": "px"}),
+            camera_motion_after=("view", [m.rms_after_px for m in chosen], {"units": "px"}),
+            camera_motion_status=("view", np.array([str(m.status) for m in chosen], dtype=object)),
         )
     if not np.isfinite(aligned["clock_offset_std"].values).all():
         codes = displacement["status"]

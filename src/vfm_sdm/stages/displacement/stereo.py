@@ -11,6 +11,7 @@ from vfm_sdm.core.datasets import (
     CAMERA_AXES,
     PIXEL,
     STRUCTURE_AXES,
+    DisplacementArrays,
     Status,
     check_tracks,
     make_displacement,
@@ -29,7 +30,7 @@ from vfm_sdm.geometry.triangulation import compute_reprojection_error, in_front_
 from vfm_sdm.geometry.visibility import Sightings, see_points
 from vfm_sdm.signals.clocks import still_frames
 
-__all__ = ["compute_displacement"]
+__all__ = ["compute_displacement", "find_origin"]
 
 _MM_PER_M = 1e3
 
@@ -48,20 +49,26 @@ def compute_displacement(
     Parameters
     ----------
     tracks
-        Tracks with a dim ``view``, in the order of the rig's cameras, on one clock.
+        Tracks with a dim ``view``, in the order of the rig's cameras, on one clock, shape (V, T, P, 2) [px].
     rig
         Metric cameras.
     frame
-        The structure's axes; without them displacement is along the reference camera's own axes
-        (right, down, forward).
+        The structure's axes; without them, displacement is along the reference camera's own axes (right, down,
+        forward).
     covariance
         Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when nothing is known of it,
         and then ``scale_std`` is NaN.
     refinement_gain
-        Where the tracks were refined: refined displacement along each axis from displacement along each as the images
-        alone give it, shape (P, 3, 3) [1]; NaN for points that were not refined.
+        Gain from displacement along each axis as the images alone give it to refined displacement along each, where the
+        tracks were refined, shape (P, 3, 3) [1]; NaN for points that were not refined.
     still_interval_s
-        Displacement is relative to the mean over this interval; else to the first valid sample of each point.
+        Beginning and end [s] of the interval whose mean is the origin of displacement; without it, the origin is the
+        first valid sample of each point.
+
+    Returns
+    -------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm], with the gains and sensitivities of the notes.
 
     Raises
     ------
@@ -71,12 +78,12 @@ def compute_displacement(
 
     Notes
     -----
-    The random part of the uncertainty is the tracks' covariance through the triangulation; it leaves out what all
-    frames share, because the reference frame's noise shifts a whole series and not its motion. The systematic part is
-    the gain of each axis under the covariance of cameras and axes (`compute_gain_std`); ``gain_std`` also holds the
-    leakage from motion along one axis into another, and ``gain_covariance`` what
-    `vfm_sdm.stages.displacement.uncertainty` needs for any displacement. ``pixel_sensitivity`` is how each pixel
-    coordinate moves the result.
+    The random part of the uncertainty is the tracks' covariance through the triangulation. It leaves out the noise that
+    all frames share, because the reference frame's noise shifts a whole series and not its motion. The systematic part
+    is the gain of each axis under the covariance of cameras and axes (`compute_gain_std`); ``gain_std`` also holds the
+    leakage from motion along one axis into another, and ``gain_covariance`` is what
+    `vfm_sdm.stages.displacement.uncertainty` needs for any displacement. ``pixel_sensitivity`` is the change of the
+    result with each pixel coordinate.
 
     A sample needs two views. Of more than two views, ``seen_by`` names the ones that a sample comes from (an index of
     ``visibility``, -1 where there is none; ``visibility_views`` says which these are), ``gain_covariance`` and
@@ -84,6 +91,24 @@ def compute_displacement(
     ``pixel_sensitivity_seen_by`` to each set of them. Views that join or leave make no step, because their mean
     disagreement is taken off (`vfm_sdm.geometry.visibility`); how well that is known is part of the random standard
     deviation. Samples of views that share too little with the others for that are unreliable.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> points3d = np.array([[1.0, 0.0, 25.0], [1.0, 0.002, 25.0]])
+    >>> covariance, status = np.tile(0.01**2 * np.eye(2), (2, 1, 1, 1)), np.zeros((2, 1))
+    >>> views = [
+    ...     make_tracks([0.0, 0.1], ["mid"], camera.project(points3d)[:, None], covariance, status, attrs={})
+    ...     for camera in rig.cameras
+    ... ]
+    >>> tracks = xr.concat(views, "view").assign_coords(view=["left", "right"])
+    >>> displacement = compute_displacement(tracks, rig)
+    >>> displacement["displacement"].sel(axis="down").values.round(3).ravel().tolist()
+    [0.0, 2.0]
     """
     names = _check_views(tracks, rig)
     codes, time_s = tracks["status"].values, tracks["time"].values
@@ -96,23 +121,25 @@ def compute_displacement(
     position = points3d @ rotation.T
 
     linear = _linearise(sight, sight.anchor(valid), rig, rotation, covariance)
-    refined = None if refinement_gain is None else _gain_by_set(refinement_gain, sight, tracks)
+    refined = None if refinement_gain is None else _choose_gains(refinement_gain, sight, tracks)
     if refined is not None:
         linear = linear.refined(refined)
-    variance = _random_variance(linear.jacobian, sight, tracks["position_covariance"].values)
+    variance = _compute_random_variance(linear.jacobian, sight, tracks["position_covariance"].values)
     axes = CAMERA_AXES if frame is None else STRUCTURE_AXES
     displacement = make_displacement(
         time_s,
         [str(p) for p in tracks["point"].values],
         axes,
-        displacement_mm=(position - _reference_position(position, valid, time_s, still_interval_s)) * _MM_PER_M,
-        displacement_std_mm=np.where(valid[..., None], np.sqrt(variance), np.nan) * _MM_PER_M,
-        scale_std=np.full((len(tracks["point"]), 3), np.nan),
-        position_m=position,
-        reprojection_error_px=compute_reprojection_error(
-            points3d, np.where(sight.used[..., None], tracks["position"].values, np.nan), rig
+        DisplacementArrays(
+            displacement_mm=(position - find_origin(position, valid, time_s, still_interval_s)) * _MM_PER_M,
+            displacement_std_mm=np.where(valid[..., None], np.sqrt(variance), np.nan) * _MM_PER_M,
+            scale_std=np.full((len(tracks["point"]), 3), np.nan),
+            position_m=position,
+            reprojection_error_px=compute_reprojection_error(
+                points3d, np.where(sight.used[..., None], tracks["position"].values, np.nan), rig
+            ),
+            status=_combine_status(codes, sight, behind),
         ),
-        status=_combined_status(codes, sight, behind),
         attrs={
             "frame": "reference camera" if frame is None else "structure",
             "baseline_m": rig.baseline() if len(rig) > 1 else float("nan"),
@@ -121,7 +148,7 @@ def compute_displacement(
     )
     if "refined_view" in tracks:
         displacement = displacement.assign(refined_view=("point", tracks["refined_view"].values))
-    return _with_gains(displacement, linear, sight, names)
+    return _add_gains(displacement, linear, sight, names)
 
 
 def _check_views(tracks: xr.Dataset, rig: Rig) -> tuple[str, ...]:
@@ -137,19 +164,19 @@ def _check_views(tracks: xr.Dataset, rig: Rig) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """How displacement answers to pixels and cameras, for each of K sets of views and P points.
+    """Derivatives of displacement by pixels and cameras, for each of K sets of views and P points.
 
     Parameters
     ----------
     jacobian
-        Shape (K, P, 3, V, 2) [m/px].
+        Derivative of positions by pixels, shape (K, P, 3, V, 2) [m/px].
     sensitivity
-        Of the gains to camera parameters, shape (K, P, 10 V, 3, 3), in the first camera's frame; ``None`` where nothing
-        is known of the cameras' covariance.
+        Derivative of the gains by camera parameters, shape (K, P, 10 V, 3, 3), in the first camera's frame; ``None``
+        where nothing is known of the cameras' covariance.
     rotation, covariance
         As in `compute_gain_covariance`.
     gain
-        Of the refinement, shape (K, P, 3, 3) [1].
+        Gain of the refinement, shape (K, P, 3, 3) [1].
     """
 
     jacobian: FloatArray
@@ -159,12 +186,12 @@ class _Linear:
     gain: FloatArray
 
     def refined(self, gain: FloatArray) -> "_Linear":
-        """The same of refined displacement."""
+        """Derivatives of refined displacement."""
         jacobian = np.einsum("spab,spbvk->spavk", gain, self.jacobian)
         return _Linear(jacobian, self.sensitivity, self.rotation, self.covariance, gain)
 
     def gain_covariance(self) -> FloatArray:
-        """Shape (K, P, 3, 3, 3) [1], see `compute_gain_covariance`; NaN where nothing is known of the cameras."""
+        """Covariance of the gains, shape (K, P, 3, 3, 3) [1]; NaN where nothing is known of the cameras."""
         if self.sensitivity is None or self.covariance is None:
             return np.full((*self.jacobian.shape[:2], 3, 3, 3), np.nan)
         return np.stack(
@@ -178,7 +205,7 @@ class _Linear:
 def _linearise(
     sight: Sightings, anchor: FloatArray, rig: Rig, rotation: FloatArray, covariance: FloatArray | None
 ) -> _Linear:
-    """About one pixel a point and view (V, P, 2): pixels hardly move compared with the distance."""
+    """Derivatives about one pixel of each point and view, shape (V, P, 2): pixels hardly move against the distance."""
     jacobian, sensitivity = [], []
     for members in sight.visibility.views:
         pixels = np.where(members[:, None, None], anchor, np.nan)
@@ -191,8 +218,8 @@ def _linearise(
     return _Linear(np.stack(jacobian), known, rotation, covariance, gain)
 
 
-def _gain_by_set(gain: FloatArray, sight: Sightings, tracks: xr.Dataset) -> FloatArray:
-    """The refinement's gain (P, 3, 3) for each set of views, (K, P, 3, 3): the identity without the refined view."""
+def _choose_gains(gain: FloatArray, sight: Sightings, tracks: xr.Dataset) -> FloatArray:
+    """Gain of the refinement for each set of views, shape (K, P, 3, 3): the identity without the refined view."""
     sets = sight.visibility.views
     applied = np.broadcast_to(np.where(np.isfinite(gain), gain, np.eye(3)), (len(sets), *gain.shape)).copy()
     if "refined_view" in tracks:
@@ -203,7 +230,7 @@ def _gain_by_set(gain: FloatArray, sight: Sightings, tracks: xr.Dataset) -> Floa
     return applied
 
 
-def _random_variance(jacobian: FloatArray, sight: Sightings, covariance: FloatArray) -> FloatArray:
+def _compute_random_variance(jacobian: FloatArray, sight: Sightings, covariance: FloatArray) -> FloatArray:
     """Variance of all samples from the tracks' covariance and the disagreement of views, (T, P, 3) [m2]."""
     visibility, main = sight.visibility, sight.visibility.most_frequent()
     variance = np.full((*visibility.of_sample.shape, 3), np.nan)
@@ -216,8 +243,8 @@ def _random_variance(jacobian: FloatArray, sight: Sightings, covariance: FloatAr
     return variance
 
 
-def _with_gains(displacement: xr.Dataset, linear: _Linear, sight: Sightings, names: Sequence[str]) -> xr.Dataset:
-    """The dataset with what tells the effect of cameras and pixels, and, of more than two views, which see a sample."""
+def _add_gains(displacement: xr.Dataset, linear: _Linear, sight: Sightings, names: Sequence[str]) -> xr.Dataset:
+    """The dataset with gains and sensitivities, and, for more than two views, the views that see each sample."""
     points, main = np.arange(displacement.sizes["point"]), sight.visibility.most_frequent()
     gain_covariance, jacobian = linear.gain_covariance(), linear.jacobian * _MM_PER_M
     of_main = gain_covariance[main, points]
@@ -243,7 +270,7 @@ def _with_gains(displacement: xr.Dataset, linear: _Linear, sight: Sightings, nam
     return displacement.assign_coords(visibility=together)
 
 
-def _combined_status(status: IntArray, sight: Sightings, behind: BoolArray) -> IntArray:
+def _combine_status(status: IntArray, sight: Sightings, behind: BoolArray) -> IntArray:
     """The worst status over the views that a sample comes from; over all where fewer than two see it; shape (T, P)."""
     used = sight.used
     enough = used.sum(axis=0) >= 2
@@ -253,10 +280,38 @@ def _combined_status(status: IntArray, sight: Sightings, behind: BoolArray) -> I
     return np.where(behind, Status.BEHIND, combined)
 
 
-def _reference_position(
+def find_origin(
     position: FloatArray, valid: BoolArray, time_s: FloatArray, still_interval_s: tuple[float, float] | None
 ) -> FloatArray:
-    """Position that displacement is relative to, (T, P, 3) to (P, 3); NaN for a point without any."""
+    """Positions that displacement is relative to.
+
+    Parameters
+    ----------
+    position
+        Positions, shape (T, P, n), in any unit such as m or px.
+    valid
+        Samples that count, shape (T, P).
+    time_s
+        Time stamps, shape (T,) [s].
+    still_interval_s
+        Beginning and end [s] of the interval whose mean is the origin; without it, the first valid sample is.
+
+    Returns
+    -------
+    origin
+        Shape (P, n), in the unit of the positions; NaN for a point without a valid sample.
+
+    Raises
+    ------
+    DatasetError
+        No frame lies in the still interval.
+
+    Examples
+    --------
+    >>> position = np.array([[[1.0]], [[2.0]], [[4.0]]])
+    >>> find_origin(position, np.ones((3, 1), dtype=bool), np.array([0.0, 0.1, 0.2]), (0.05, 0.3)).tolist()
+    [[3.0]]
+    """
     if still_interval_s is None:
         first = position[valid.argmax(axis=0), np.arange(valid.shape[1])]
         return np.asarray(np.where(np.asarray(valid.any(axis=0))[:, None], first, np.nan))

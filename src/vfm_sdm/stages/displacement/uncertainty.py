@@ -1,4 +1,4 @@
-"""Uncertainty of displacement in millimetres: a budget of named components a sample, in the spirit of the GUM."""
+"""Uncertainty of displacement: a budget of named components for each sample, after the GUM."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,44 +15,45 @@ from vfm_sdm.errors import DatasetError
 __all__ = ["COMPONENTS", "COVERAGE_FACTOR", "BudgetInputs", "add_uncertainty", "compression_gain_std"]
 
 COMPONENTS = ("random", "cameras", "synchronization", "assumption", "compression")
-"""Random: scatter of the tracks. Cameras: focal lengths, pose, baseline, lengths of the site and axes. Synchronization:
-offset between the views. Assumption: motion along the axis that the refinement suppresses. Compression: what a video
-codec takes from every motion."""
+"""Components of the budget. Random: scatter of the tracks. Cameras: focal lengths, pose, baseline, lengths of the site
+and axes. Synchronization: offset between the views. Assumption: motion along the axis that the refinement suppresses.
+Compression: the loss of every motion in a video codec."""
 COVERAGE_FACTOR = 2.0
 """Factor k of the expanded uncertainty, for about 95 % of a normal distribution."""
 
-# Bits a pixel, and by how much H.264 made motion too small there (docs/decisions/008-compression.md).
+# Bits a pixel, and the share of motion that H.264 lost there (docs/decisions/008-compression.md).
 _BITS = np.array([0.07, 0.31, 1.26, 2.81])
 _GAIN_LOSS = np.array([0.020, 0.012, 0.007, 0.001])
 _FEWEST_SAMPLES = 10
 _CHANCE = 0.05
-"""How often noise alone may pass for motion at some frequency of a series."""
+"""Probability with which noise alone may pass for motion at some frequency of a series."""
 _SIGNIFICANT = 2.0
 """Standard deviations beyond which a series holds more than its noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class BudgetInputs:
-    """What is known beside the displacement dataset itself.
+    """Sources of uncertainty beside the displacement dataset itself.
 
     Parameters
     ----------
     tracks
-        The synchronised tracks, before any refinement, with a dim ``view``.
+        Synchronised tracks before any refinement, with a dim ``view``, shape (V, T, P, 2) [px].
     clock_std_s
         Standard deviation of each view's offset by view name [s]; NaN where it is not known; views that are not named
         have none.
     bits_per_pixel
-        Size of each view's recording by view name; views that are not named count as not compressed.
+        Size of each view's recording over its pixels, by view name [bit]; views that are not named count as not
+        compressed.
     baseline
         Displacement from the same tracks without refinement, and the axis that the refinement suppresses; ``None``
         when there was no refinement.
     refinement_gain
-        Refined displacement from displacement as the images alone give it, shape (P, 3, 3) [1]; NaN where a point was
-        not refined.
+        Gain from displacement as the images alone give it to refined displacement, shape (P, 3, 3) [1]; NaN where a
+        point was not refined.
     gain_difference
-        By how much more one view shows of each point's motion than another
-        (`vfm_sdm.stages.displacement.agreement.compute_gain_difference`), shape (P,) [1]; NaN where that is not known.
+        Difference of each point's motion between two views
+        (`vfm_sdm.stages.displacement.agreement.compute_gain_difference`), shape (P,) [1]; NaN where it is not known.
     """
 
     tracks: xr.Dataset
@@ -64,20 +65,20 @@ class BudgetInputs:
 
 
 def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Dataset:
-    """The dataset with the budget of every sample.
+    """The dataset with the uncertainty budget of every sample.
 
     Parameters
     ----------
     displacement
-        Of `vfm_sdm.stages.displacement.stereo.compute_displacement`.
+        Result of `vfm_sdm.stages.displacement.stereo.compute_displacement`, shape (T, P, 3) [mm].
     inputs
         Further sources.
 
     Returns
     -------
     displacement
-        With ``uncertainty`` (component, time, point, axis) [mm], standard deviations; ``combined_std`` and
-        ``expanded_uncertainty`` (time, point, axis) [mm]. NaN where a component is not known, such as the cameras of a
+        The dataset with ``uncertainty``, standard deviations of shape (5, T, P, 3) [mm]; and with ``combined_std`` and
+        ``expanded_uncertainty``, shape (T, P, 3) [mm]. NaN where a component is not known, such as the cameras of a
         file that states no covariance.
 
     Raises
@@ -104,6 +105,10 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
 
     Of more than two views, J and C_a are those of the views that a sample comes from. Components are taken as
     independent and add as squares. All but the first are systematic: they do not average out over a series.
+
+    References
+    ----------
+    .. [1] JCGM 100:2008. Evaluation of measurement data: guide to the expression of uncertainty in measurement (GUM).
     """
     check_displacement(displacement)
     tracks = check_tracks(inputs.tracks, synchronized=True)
@@ -112,14 +117,14 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     values = displacement["displacement"].values
     parts = {
         "random": displacement["displacement_std"].values,
-        "cameras": _by_views(
+        "cameras": _apply_by_views(
             displacement,
             "gain_covariance",
             lambda gains: np.sqrt(np.maximum(np.einsum("tpb,pabc,tpc->tpa", values, gains, values), 0.0)),
         ),
-        "synchronization": _of_clocks(displacement, tracks, inputs.clock_std_s),
-        "assumption": _of_assumption(displacement, tracks, inputs),
-        "compression": _compressed_gain_std(inputs)[..., None] * np.abs(values),
+        "synchronization": _compute_clock_std(displacement, tracks, inputs.clock_std_s),
+        "assumption": _compute_assumption_std(displacement, tracks, inputs),
+        "compression": _compute_compression_std(inputs)[..., None] * np.abs(values),
     }
     budget = np.stack([parts[name] for name in COMPONENTS])
     combined = np.sqrt(np.sum(budget**2, axis=0))
@@ -132,13 +137,23 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
 
 
 def compression_gain_std(bits_per_pixel: float) -> float:
-    """Relative standard deviation of the gain of motion in H.264 of this size [1]; 0 for no compression.
+    """Relative standard deviation of the gain of motion in compressed video [1]; 0 for no compression.
+
+    Parameters
+    ----------
+    bits_per_pixel
+        Size of the H.264 recording over its pixels [bit]; infinite where it is not compressed.
 
     Notes
     -----
     Measured on rendered recordings: the loss of gain itself, as the standard deviation of a correction that is not
     made, because it depends on the encoder. Between the measured sizes it is interpolated in their logarithm; beyond
     the largest it falls on with the inverse of the size.
+
+    Examples
+    --------
+    >>> compression_gain_std(float("inf")), round(compression_gain_std(0.31), 4)
+    (0.0, 0.012)
     """
     if not np.isfinite(bits_per_pixel):
         return 0.0
@@ -147,7 +162,7 @@ def compression_gain_std(bits_per_pixel: float) -> float:
     return float(np.interp(np.log(max(bits_per_pixel, 1e-9)), np.log(_BITS), _GAIN_LOSS))
 
 
-def _compressed_gain_std(inputs: BudgetInputs) -> FloatArray:
+def _compute_compression_std(inputs: BudgetInputs) -> FloatArray:
     """Relative standard deviation of the gain of each point's motion in compressed recordings, shape (P,) or () [1]."""
     by_size = compression_gain_std(min(inputs.bits_per_pixel.values(), default=np.inf))
     if by_size == 0 or inputs.gain_difference is None:
@@ -155,29 +170,31 @@ def _compressed_gain_std(inputs: BudgetInputs) -> FloatArray:
     return np.fmax(by_size, np.abs(inputs.gain_difference) / 2)
 
 
-def _of_clocks(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mapping[str, float]) -> FloatArray:
+def _compute_clock_std(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mapping[str, float]) -> FloatArray:
     """Standard deviation from the views' offsets, shape (T, P, 3) [mm]."""
-    return np.asarray(np.sqrt(np.sum(_clock_patterns(displacement, tracks, clock_std_s) ** 2, axis=0)))
+    return np.asarray(np.sqrt(np.sum(_compute_clock_patterns(displacement, tracks, clock_std_s) ** 2, axis=0)))
 
 
-def _clock_patterns(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mapping[str, float]) -> FloatArray:
-    """What each view's offset, wrong by its standard deviation, does to the displacement, (V, T, P, 3) [mm]."""
+def _compute_clock_patterns(
+    displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mapping[str, float]
+) -> FloatArray:
+    """Effect of one standard deviation of each view's offset on the displacement, shape (V, T, P, 3) [mm]."""
     patterns = np.zeros((tracks.sizes["view"], *displacement["displacement"].shape))
     for number, view in enumerate(tracks["view"].values):
         tau = clock_std_s.get(str(view), 0.0)
         if tau != 0:
-            velocity = _velocity(tracks["position"].values[number], tracks["time"].values)
-            shift = _by_views(displacement, "pixel_sensitivity", partial(_of_motion, velocity, number))
+            velocity = _compute_velocity(tracks["position"].values[number], tracks["time"].values)
+            shift = _apply_by_views(displacement, "pixel_sensitivity", partial(_project_motion, velocity, number))
             patterns[number] = tau * np.nan_to_num(shift)
     return patterns
 
 
-def _of_motion(motion: FloatArray, view: int, per_px: FloatArray) -> FloatArray:
+def _project_motion(motion: FloatArray, view: int, per_px: FloatArray) -> FloatArray:
     """Motion in one view's picture (T, P, 2) by its part of a sensitivity (P, 3, V, 2), shape (T, P, 3)."""
     return np.asarray(np.einsum("pak,tpk->tpa", per_px[:, :, view], motion))
 
 
-def _by_views(displacement: xr.Dataset, name: str, effect: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def _apply_by_views(displacement: xr.Dataset, name: str, effect: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Effect of a variable on all samples, (T, P, 3), each by the value for the views that it comes from."""
     if "seen_by" not in displacement:
         return effect(displacement[name].values)
@@ -188,7 +205,7 @@ def _by_views(displacement: xr.Dataset, name: str, effect: Callable[[FloatArray]
     return result
 
 
-def _refined_samples(displacement: xr.Dataset, point: int) -> BoolArray:
+def _find_refined_samples(displacement: xr.Dataset, point: int) -> BoolArray:
     """Samples of a refined point that the refinement moved: those that its refined view sees, shape (T,)."""
     if "seen_by" not in displacement or "refined_view" not in displacement:
         return np.ones(displacement.sizes["time"], dtype=np.bool_)
@@ -198,7 +215,7 @@ def _refined_samples(displacement: xr.Dataset, point: int) -> BoolArray:
     return np.asarray(np.where(seen_by >= 0, holds[seen_by], False))
 
 
-def _velocity(position: FloatArray, time_s: FloatArray) -> FloatArray:
+def _compute_velocity(position: FloatArray, time_s: FloatArray) -> FloatArray:
     """Velocity of each point in one view, over missing samples from those around them, shape (T, P, 2) [px/s]."""
     velocity = np.full(position.shape, np.nan)
     for point in range(position.shape[1]):
@@ -208,7 +225,7 @@ def _velocity(position: FloatArray, time_s: FloatArray) -> FloatArray:
     return velocity
 
 
-def _of_assumption(displacement: xr.Dataset, tracks: xr.Dataset, inputs: BudgetInputs) -> FloatArray:
+def _compute_assumption_std(displacement: xr.Dataset, tracks: xr.Dataset, inputs: BudgetInputs) -> FloatArray:
     """Standard deviation from motion along the suppressed axis, shape (T, P, 3) [mm]."""
     result = np.zeros(displacement["displacement"].shape)
     if inputs.baseline is None or inputs.refinement_gain is None:
@@ -216,22 +233,26 @@ def _of_assumption(displacement: xr.Dataset, tracks: xr.Dataset, inputs: BudgetI
     before, name = inputs.baseline
     axis = [str(a) for a in displacement["axis"].values].index(name)
     removed = inputs.refinement_gain - np.eye(3)
-    patterns = _clock_patterns(before, tracks, inputs.clock_std_s)[..., axis]
+    patterns = _compute_clock_patterns(before, tracks, inputs.clock_std_s)[..., axis]
     for point in range(result.shape[1]):
         if np.isfinite(removed[point]).all():
-            hidden = _hidden_motion(before.isel(point=point), axis, patterns[:, :, point])
-            moved = _refined_samples(displacement, point)[:, None]
+            hidden = _estimate_hidden_motion(before.isel(point=point), axis, patterns[:, :, point])
+            moved = _find_refined_samples(displacement, point)[:, None]
             result[:, point] = np.where(moved, np.abs(removed[point, :, axis]) * hidden, 0.0)
     return result
 
 
-def _hidden_motion(before: xr.Dataset, axis: int, patterns: FloatArray) -> float:
+def _estimate_hidden_motion(before: xr.Dataset, axis: int, patterns: FloatArray) -> float:
     """Standard deviation of the motion that one point's noisy series along an axis may hold [mm].
 
     Parameters
     ----------
+    before
+        Displacement of the point without refinement, shape (T, 3) [mm].
+    axis
+        Index of the axis.
     patterns
-        What a standard deviation of each clock does to the series, shape (V, T) [mm].
+        Effect of one standard deviation of each clock on the series, shape (V, T) [mm].
     """
     values = before["displacement"].values
     ok = (before["status"].values == Status.OK) & np.isfinite(values).all(axis=-1)
@@ -239,10 +260,10 @@ def _hidden_motion(before: xr.Dataset, axis: int, patterns: FloatArray) -> float
         return float("nan")
     noise = np.mean(before["displacement_std"].values[ok] ** 2, axis=0)
     centred = np.where(ok[:, None], values - values[ok].mean(axis=0), 0.0)
-    centred[:, axis] = _without_patterns(centred[:, axis], patterns.T * ok[:, None], noise[axis])
+    centred[:, axis] = _remove_patterns(centred[:, axis], patterns.T * ok[:, None], noise[axis])
     # One-sided: the frequencies above zero sum up to the variance.
     power = 2 * np.abs(np.fft.rfft(centred[:, axis])[1:]) ** 2 / (len(values) * ok.sum())
-    moving = _moving_frequencies(centred, noise * ok.sum())
+    moving = _find_moving_frequencies(centred, noise * ok.sum())
 
     def excess(chosen: BoolArray) -> tuple[float, float]:
         part = float(noise[axis] * np.mean(chosen))
@@ -251,17 +272,17 @@ def _hidden_motion(before: xr.Dataset, axis: int, patterns: FloatArray) -> float
     found, doubt = excess(np.ones_like(moving))
     if moving.any() and found < _SIGNIFICANT * doubt:
         found, doubt = excess(moving)
-    return float(np.sqrt(_not_negative(found, doubt)))
+    return float(np.sqrt(_expect_not_negative(found, doubt)))
 
 
-def _without_patterns(series: FloatArray, patterns: FloatArray, noise: float) -> FloatArray:
-    """The series (T,) less what is most probably made by patterns (T, V), whose factors are standard normal."""
+def _remove_patterns(series: FloatArray, patterns: FloatArray, noise: float) -> FloatArray:
+    """The series, shape (T,), less the most probable sum of patterns, shape (T, V), with standard normal factors."""
     patterns = patterns[:, (np.isfinite(patterns) & (patterns != 0)).any(axis=0)]
     normal = patterns.T @ patterns + noise * np.eye(patterns.shape[1])
     return np.asarray(series - patterns @ np.linalg.solve(normal, patterns.T @ series))
 
 
-def _moving_frequencies(centred: FloatArray, noise_energy: FloatArray) -> BoolArray:
+def _find_moving_frequencies(centred: FloatArray, noise_energy: FloatArray) -> BoolArray:
     """Frequencies above zero at which motion stands out of white noise, in any column of (T, n)."""
     taper = np.hanning(len(centred) + 2)[1:-1, None]
     power = np.abs(np.fft.rfft(centred * taper, axis=0)[1:]) ** 2
@@ -269,8 +290,8 @@ def _moving_frequencies(centred: FloatArray, noise_energy: FloatArray) -> BoolAr
     return np.asarray((power > limit).any(axis=1))
 
 
-def _not_negative(value: float, std: float) -> float:
-    """Expectation of a quantity above zero, of which a measurement with normal error is known."""
+def _expect_not_negative(value: float, std: float) -> float:
+    """Expectation of a quantity that is not negative, given a measurement of it with normal error."""
     if std == 0:
         return max(value, 0.0)
     score = value / std

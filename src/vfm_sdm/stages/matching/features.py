@@ -30,8 +30,10 @@ def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, Flo
     points_first, points_second
         Pixels in both images, shape (N, 2) each [px]; empty when nothing matches.
 
-    Notes ----- RootSIFT descriptors [1]_ are compared by their inner product; a match must be the best one in both
-    directions and pass the ratio test of [2]_.
+    Notes
+    -----
+    RootSIFT descriptors [1]_ are compared by their inner product; a match must be the best one in both directions and
+    pass the ratio test of [2]_.
 
     References
     ----------
@@ -75,8 +77,10 @@ def to_eight_bit(luma: LumaArray) -> np.ndarray[tuple[int, int], np.dtype[np.uin
     luma
         Image of 8 or 16 bits, shape (H, W).
 
-    Notes ----- The stretch leaves out the darkest and brightest half per cent of the pixels: a dark or hazy view has
-    features too, of a contrast below what detectors take for noise.
+    Notes
+    -----
+    The stretch leaves out the darkest and brightest half per cent of the pixels: a dark or hazy view has features too,
+    of a contrast below what detectors take for noise.
 
     Examples
     --------

@@ -17,6 +17,7 @@ from vfm_sdm.stages.matching.correspondence import Correspondence, Surface, find
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import named_points
+from vfm_sdm.stages.matching.pyramid import ViewPair
 
 __all__ = ["PointFinder"]
 
@@ -104,10 +105,8 @@ class PointFinder:
         """Places of points in the second view of ``matches`` that were named in its first one."""
         images = list(self.frames.values())
         return find_correspondences(
-            (images[matches.first], images[matches.second]),
+            ViewPair((images[matches.first], images[matches.second]), rig, matches),
             np.array([p.pixel for p in points]),
-            rig,
-            matches=matches,
             subset_px=self.session.method.subset_px,
             given=given,
             surface=face,

@@ -28,7 +28,8 @@ class SgrSettings:
         The structural axis along which hardly any motion is expected: longitudinal for bridges, vertical for towers.
     uncertain_view
         Name or index of the view to refine, or ``"auto"``: for each point, the view with the larger median standard
-        deviation of u over the frames; of more than two, the one whose u adds most noise along the suppressed axis.
+        deviation of u over the frames; of more than two, the one whose correction leaves the least error along the
+        other axes.
     poor_std_px
         A view whose median standard deviation of u is above this cannot be the reference [px]. Half a pixel is ten
         times what tracking a textured surface leaves, and more than the motion that is usually looked for.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, mean_of_known
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, check_tracks
 from vfm_sdm.core.statuses import RefinementStatus
 from vfm_sdm.errors import DatasetError
@@ -101,7 +101,7 @@ def refine(
     trusted = tracks.variables["status"].values == Status.OK
     sight = see_points(tracks.variables["position"].values, covariance, trusted, rig)
     task = _Task(sight, rig, frame, still, chosen)
-    view, status = _choose_views(typical_std(covariance[..., 0, 0]), names, task)
+    view, status = _choose_views(covariance, names, task)
     result = _empty_result(sight, status)
     for index, members in _portions(view, status, len(time_s)):
         _refine_points(task, members, index, result)
@@ -174,16 +174,17 @@ def _check_views(tracks: xr.Dataset, rig: Rig) -> tuple[str, ...]:
     return names
 
 
-def _choose_views(std: FloatArray, names: tuple[str, ...], task: _Task) -> tuple[IntArray, np.ndarray[Any, Any]]:
-    """Index of the uncertain view and status of each point from the standard deviations of u (V, P) [px]."""
-    wanted, known = task.settings.uncertain_view, np.isfinite(std)
+def _choose_views(covariance: FloatArray, names: tuple[str, ...], task: _Task) -> tuple[IntArray, np.ndarray[Any, Any]]:
+    """Index of the uncertain view and status of each point from the tracks' covariances (V, T, P, 2, 2) [px2]."""
+    std, wanted = typical_std(covariance[..., 0, 0]), task.settings.uncertain_view
+    known = np.isfinite(std)
     # Of more than two views, one that does not see a point cannot serve it.
     poor = np.asarray(((std > task.settings.poor_std_px) | (~known & (len(std) > 2))).all(axis=0))
     if wanted == "auto":
         unknown = known.sum(axis=0) < 2
-        noise = np.where(known, std if len(std) == 2 else std * _leverage(task), -1.0)
+        worth = std if len(std) == 2 else -_expected_error(covariance, std, task)
         # Equal views: the last, as in the paper.
-        view = len(std) - 1 - noise[::-1].argmax(axis=0)
+        view = len(std) - 1 - np.where(known, worth, -np.inf)[::-1].argmax(axis=0)
         status = np.select([unknown, poor], [RefinementStatus.UNKNOWN, RefinementStatus.BOTH_POOR], RefinementStatus.OK)
         return np.where(poor | unknown, -1, view), status.astype(object)
     indices = list(range(len(names)))
@@ -197,13 +198,34 @@ def _choose_views(std: FloatArray, names: tuple[str, ...], task: _Task) -> tuple
     return np.where(poor, -1, index), status
 
 
-def _leverage(task: _Task) -> FloatArray:
-    """How far a pixel of u in each view moves a point along the suppressed axis, shape (V, P) [m/px]."""
-    sight = task.sight
-    anchor = sight.anchor(sight.visibility.of_sample >= 0)
-    axis = task.frame.rotation[task.order[0]]
-    slope = np.einsum("i,piv->vp", axis, triangulation_jacobian(anchor, task.rig, weights=sight.weights)[..., 0])
-    return np.asarray(np.nan_to_num(np.abs(slope)))
+def _expected_error(covariance: FloatArray, std_u: FloatArray, task: _Task) -> FloatArray:
+    """Variance along the other axes once u of a view is corrected until nothing moves along the suppressed one, (V, P).
+
+    From the covariances (V, T, P, 2, 2) [px2] and the standard deviation of u (V, P) [px]. A correction moves a point
+    along ``g = dX/du``; it takes along the noise n, of which ``n - n_z g / g_z`` is left, and true motion along the
+    suppressed axis, of which ``g / g_z`` is left elsewhere: as much as the series varies beyond its noise, or might in
+    so many frames. Infinite for a view that cannot correct.
+    """
+    sight, axes = task.sight, task.frame.rotation[task.order]
+    seen = sight.visibility.of_sample >= 0
+    jacobian = triangulation_jacobian(sight.anchor(seen), task.rig, weights=sight.weights)
+    jacobian = np.nan_to_num(np.einsum("ai,pivk->pavk", axes, jacobian))
+    variance = np.nan_to_num(np.stack([std_u, typical_std(covariance[..., 1, 1])], axis=-1) ** 2)
+    noise = np.einsum("pavk,vpk,pbvk->pab", jacobian, variance, jacobian)
+    series = np.where(seen, sight.triangulate(task.rig) @ axes[0], np.nan)
+    varies = mean_of_known((series - mean_of_known(series)) ** 2)
+    doubt = np.sqrt(2 / np.maximum(seen.sum(axis=0), 1))
+    motion = np.fmax(varies - noise[:, 0, 0], doubt * noise[:, 0, 0])
+    expected = np.full(variance.shape[:2], np.inf)
+    for view in range(len(expected)):
+        along = jacobian[:, :, view, 0]
+        able = np.abs(along[:, 0]) > 0
+        left = np.tile(np.eye(3), (len(along), 1, 1))
+        left[able, :, 0] -= along[able] / along[able, :1]
+        of_noise = np.einsum("pab,pbc,pac->pa", left, noise, left)[:, 1:].sum(axis=1)
+        of_motion = np.sum(left[:, 1:, 0] ** 2, axis=1) * motion
+        expected[view] = np.where(able, of_noise + of_motion, np.inf)
+    return expected
 
 
 def _portions(view: IntArray, status: np.ndarray[Any, Any], frames: int) -> Iterator[tuple[int, IntArray]]:
@@ -220,9 +242,11 @@ def _reference_views(sight: Sightings, names: tuple[str, ...], point: int, view:
     """Views beside the refined one that see a point with it."""
     if view < 0:
         return ()
+    if len(names) == 2:
+        return (names[1 - view],)
     used = sight.used[:, :, point]
     shared = (used & used[view]).any(axis=1)
-    return tuple(name for number, name in enumerate(names) if number != view and (shared[number] or len(names) == 2))
+    return tuple(name for number, name in enumerate(names) if number != view and shared[number])
 
 
 def _refine_points(task: _Task, members: IntArray, view: int, result: _Result) -> None:

@@ -71,10 +71,11 @@ class PointTriangulation:
         self._rig, self._axes, self._view = rig, axes, view
         self._seen = np.isfinite(by_point).all(axis=-1).reshape(len(rig), -1)
         self._weights = None if weights is None else np.repeat(weights, self.shape[1], axis=1)
-        self._equations = [
-            self._weighed(number, view_equations(camera, camera.normalize(own.reshape(-1, 2))))
+        self._fixed = {
+            number: self._weighed(number, view_equations(camera, camera.normalize(own.reshape(-1, 2))))
             for number, (camera, own) in enumerate(zip(rig.cameras, by_point, strict=True))
-        ]
+            if number != view
+        }
 
     def _weighed(self, view: int, equations: FloatArray) -> FloatArray:
         return equations if self._weights is None else self._weights[view] * equations
@@ -88,8 +89,8 @@ class PointTriangulation:
         pixels[:, 0] += correction.ravel()
         camera = self._rig.cameras[self._view]
         normalized = camera.normalize(pixels)
-        equations = list(self._equations)
-        equations[self._view] = self._weighed(self._view, view_equations(camera, normalized))
+        moved = self._weighed(self._view, view_equations(camera, normalized))
+        equations = [self._fixed.get(number, moved) for number in range(len(self._rig))]
         weights = 1.0 if self._weights is None else self._weights[self._view]
         points3d, slope = triangulate_with_slope(equations, camera, normalized, view=self._view, weights=weights)
         for c, seen in zip(self._rig.cameras, self._seen, strict=True):

@@ -33,7 +33,11 @@ _ONE = np.float32(1)
 
 Single = npt.NDArray[np.float32]
 Integers = npt.NDArray[np.int64]
+Picture = tuple[LumaArray, int]
 Bank = tuple[Single, FloatArray, FloatArray, Single]
+Work = tuple[Integers, FloatArray, FloatArray]
+Corner = tuple[int, int]
+# Plain tuples, because numba's cache on disk cannot be read any more once a class named in a signature is renamed.
 
 # Sums may be reordered for SIMD; NaN and infinity keep their meaning (no "nnan", "ninf").
 _jit = njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "arcp", "contract"})
@@ -89,15 +93,25 @@ def _filter_first_axis(block: Single, count: int, width: int) -> None:
         block[1, j] += (_POLE_SUM - _POLE_PRODUCT) * block[0, j]
     k = 2
     while k < count - 3:
-        _recur(block[k - 2], block[k - 1], block[k], block[k + 1], block[k + 2], block[k + 3], width)
+        _recur(block, k, 1, width)
         k += 4
     for j in range(width):
         block[count - 1, j] *= _STEADY
         block[count - 2, j] += (_POLE_SUM - _POLE_PRODUCT) * block[count - 1, j]
     k = count - 3
     while k > 2:
-        _recur(block[k + 2], block[k + 1], block[k], block[k - 1], block[k - 2], block[k - 3], width)
+        _recur(block, k, -1, width)
         k -= 4
+
+
+@_jit
+def _load_coefficients(image: LumaArray, columns: int, box: Integers, region: Single, coefficients: Single) -> None:
+    """Spline coefficients [u, v] of the image in the box, less a level; ``region`` is room for the pixels."""
+    width, height = box[2], box[3]
+    _load_region(image, columns, box, _level(image, columns, box), region)
+    _filter_first_axis(region, height, width)
+    _transpose(region, height, width, coefficients)
+    _filter_first_axis(coefficients, width, height)
 
 
 @_jit
@@ -107,8 +121,10 @@ def _padded(count: int) -> int:
 
 
 @_jit
-def _recur(earlier: Single, before: Single, a: Single, b: Single, c: Single, d: Single, width: int) -> None:
-    """Four rows of the recursion at a time, which halves the traffic with memory."""
+def _recur(block: Single, k: int, step: int, width: int) -> None:
+    """Four rows of the recursion at a time, from ``k`` on in steps of 1 or -1: that halves the traffic with memory."""
+    earlier, before = block[k - 2 * step], block[k - step]
+    a, b, c, d = block[k], block[k + step], block[k + 2 * step], block[k + 3 * step]
     for j in range(width):
         first = a[j] + _POLE_SUM * before[j] - _POLE_PRODUCT * earlier[j]
         second = b[j] + _POLE_SUM * first - _POLE_PRODUCT * before[j]
@@ -148,12 +164,15 @@ def _weights(t: np.float32, weights: Single) -> None:
 
 @_jit
 def _sample_shifted(
-    coefficients: Single, size: int, u0: int, v0: int, wu: Single, wv: Single, line: Single, out: Single
+    coefficients: Single, size: int, corner: Corner, weights: Single, line: Single, out: Single
 ) -> None:
     """Spline on the grid of a pure translation: out[k size + l] at (u0 + k, v0 + l) plus the fraction.
 
-    One fraction serves all pixels, so the two axes separate: 12 multiplications a pixel instead of 36.
+    One fraction serves all pixels, so the two axes separate: 12 multiplications a pixel instead of 36. ``weights``,
+    shape (2, 6), are those of the fraction along u and v; ``line`` is room for a line of the subset.
     """
+    wu, wv = weights[0], weights[1]
+    u0, v0 = corner
     a0, a1, a2, a3, a4, a5 = wu[0], wu[1], wu[2], wu[3], wu[4], wu[5]
     b0, b1, b2, b3, b4, b5 = wv[0], wv[1], wv[2], wv[3], wv[4], wv[5]
     span = size + _TAPS - 1
@@ -175,9 +194,11 @@ def _sample_shifted(
 
 @_jit
 def _sample_warped(
-    coefficients: Single, size: int, left: int, top: int, warp: FloatArray, wu: Single, wv: Single, out: Single
+    coefficients: Single, size: int, corner: Corner, warp: FloatArray, weights: Single, out: Single
 ) -> None:
-    """Spline on the grid of an affine warp; ``left, top`` is the pixel of coefficients[0, 0]."""
+    """Spline on the grid of an affine warp; ``corner`` is the pixel of coefficients[0, 0], ``weights`` room (2, 6)."""
+    wu, wv = weights[0], weights[1]
+    left, top = corner
     half = size // 2
     for k in range(size):
         for j in range(size):
@@ -311,38 +332,37 @@ def _inside(warp: FloatArray, half: int, columns: int, rows: int) -> bool:
 
 
 @_jit
+def _moved2(step: FloatArray, half: int) -> float:
+    """Mean square by which a step moves the pixels of a subset of half width ``half`` [px2]."""
+    turned = step[1] * step[1] + step[2] * step[2] + step[4] * step[4] + step[5] * step[5]
+    return float(step[0] * step[0] + step[3] * step[3] + half * half / 3.0 * turned)
+
+
+@_jit
 def register_subsets(
-    image: LumaArray,
-    columns: int,
-    bank: Bank,
-    rows: Integers,
-    warps: FloatArray,
-    outcome: FloatArray,
-    settings: tuple[int, float, float],
-    first: int,
-    last: int,
+    picture: Picture, bank: Bank, work: Work, settings: tuple[int, float, float], share: tuple[int, int]
 ) -> None:
-    """Registers subsets ``first ... last - 1`` by inverse-compositional Gauss-Newton.
+    """Registers some of the subsets by inverse-compositional Gauss-Newton.
 
     Parameters
     ----------
-    image
-        Current image [v, u], shape (H, W), uint8 or uint16; lines may be padded.
-    columns
-        Width of the picture in it [px].
+    picture
+        Current image [v, u], shape (H, W), uint8 or uint16, whose lines may be padded; and the width of the picture in
+        it [px].
     bank
         Tuple of the reference (see `subsets.SubsetBank`): pixels (P, 3, S S) float32, moments (P, 13),
         matrices (P, 2, 6, 6), offsets (2, S S) float32.
-    rows
-        Row of the bank of each registration, shape (K,).
-    warps
-        Starts, which the results replace: t_u, t_v [px], then A row by row [1], shape (K, 6).
-    outcome
-        Filled with code, iterations, ZNCC, residual sum of squares and gain, shape (K, 5).
+    work
+        Row of the bank of each registration, shape (K,). Starts, which the results replace: t_u, t_v [px], then A row
+        by row [1], shape (K, 6). Outcomes to fill in: code, iterations, ZNCC, residual sum of squares and gain, shape
+        (K, 5).
     settings
         Largest number of iterations, tolerance (distance from the minimum) [px], and the deviation [px] of A from the
         identity up to which the grid of a pure translation is sampled.
+    share
+        First registration, and the one after the last.
     """
+    (image, columns), (rows, warps, outcome) = picture, work
     pixels, moments, matrices, offsets = bank
     max_iterations, tolerance, rigid_px = settings
     count = pixels.shape[2]
@@ -351,10 +371,10 @@ def register_subsets(
     limit = _padded(_REGION_FACTOR * size + 2 * (_DECAY_PX + _DRIFT_PX + _TAPS))
     region, coefficients = np.empty((limit, limit), np.float32), np.empty((limit, limit), np.float32)
     line, sampled = np.empty(size + _TAPS, np.float32), np.empty(count, np.float32)
-    wu, wv = np.empty(_TAPS, np.float32), np.empty(_TAPS, np.float32)
+    weights = np.empty((2, _TAPS), np.float32)
     box, grid = np.empty(4, np.int64), np.empty(6)
     sums, step, measure = np.empty(9), np.empty(6), np.empty(3)
-    for k in range(first, last):
+    for k in range(share[0], share[1]):
         row, warp = rows[k], warps[k]
         box[2], before = 0, 1e-12
         outcome[k, 0], outcome[k, 1], outcome[k, 2] = FAILED, max_iterations, np.nan
@@ -370,17 +390,14 @@ def register_subsets(
             if not _covers(box, grid, half):
                 if max(box[2], box[3]) > limit:
                     break
-                _load_region(image, columns, box, _level(image, columns, box), region)
-                _filter_first_axis(region, box[3], box[2])
-                _transpose(region, box[3], box[2], coefficients)
-                _filter_first_axis(coefficients, box[2], box[3])
+                _load_coefficients(image, columns, box, region, coefficients)
             if rigid:
                 u0, v0 = int(np.floor(grid[0])), int(np.floor(grid[1]))
-                _weights(np.float32(grid[0] - u0), wu)
-                _weights(np.float32(grid[1] - v0), wv)
-                _sample_shifted(coefficients, size, u0 - half - box[0], v0 - half - box[1], wu, wv, line, sampled)
+                _weights(np.float32(grid[0] - u0), weights[0])
+                _weights(np.float32(grid[1] - v0), weights[1])
+                _sample_shifted(coefficients, size, (u0 - half - box[0], v0 - half - box[1]), weights, line, sampled)
             else:
-                _sample_warped(coefficients, size, box[0], box[1], grid, wu, wv, sampled)
+                _sample_warped(coefficients, size, (box[0], box[1]), grid, weights, sampled)
             _correlate(sampled, pixels[row], offsets, sums)
             if not (
                 _solve_step(sums, count, moments[row], matrices[row], step, measure)
@@ -389,10 +406,7 @@ def register_subsets(
                 break
             outcome[k, 1] = iteration + 1
             outcome[k, 2], outcome[k, 3], outcome[k, 4] = measure[0], measure[1], measure[2]
-            moved = step[0] * step[0] + step[3] * step[3]
-            if not rigid:
-                turned = step[1] * step[1] + step[2] * step[2] + step[4] * step[4] + step[5] * step[5]
-                moved += half * half / 3.0 * turned
+            moved = _moved2(step, 0 if rigid else half)
             # Steps shrink by a steady factor, so what is left to go is a geometric series.
             factor = min(np.sqrt(moved / before), 0.9)
             before = moved
@@ -404,24 +418,24 @@ def register_subsets(
 @_jit
 def _score_shift(
     coefficients: Single,
-    box: Integers,
     size: int,
-    u: float,
-    v: float,
-    pixels: Single,
-    moments: FloatArray,
-    grid: Single,
-    buffers: tuple[Single, Single, Single, Single, FloatArray],
+    center: tuple[float, float],
+    subset: tuple[Single, FloatArray, Single],
+    buffers: tuple[Single, Single, Single, FloatArray],
     measure: FloatArray,
 ) -> float:
-    """ZNCC of a subset with the image shifted to centre (u, v); ``measure`` gets it, the residual and the gain."""
-    line, sampled, wu, wv, sums = buffers
+    """ZNCC of a subset with the image shifted to a centre; ``measure`` gets it, the residual and the gain.
+
+    The centre is counted in ``coefficients``. ``subset`` are its pixels and moments, and the pixels' offsets;
+    ``buffers`` are room for a line, the samples, the spline weights and the sums.
+    """
+    (pixels, moments, offsets), (line, sampled, weights, sums) = subset, buffers
     half = size // 2
-    u0, v0 = int(np.floor(u)), int(np.floor(v))
-    _weights(np.float32(u - u0), wu)
-    _weights(np.float32(v - v0), wv)
-    _sample_shifted(coefficients, size, u0 - half - box[0], v0 - half - box[1], wu, wv, line, sampled)
-    _correlate(sampled, pixels, grid, sums)
+    u0, v0 = int(np.floor(center[0])), int(np.floor(center[1]))
+    _weights(np.float32(center[0] - u0), weights[0])
+    _weights(np.float32(center[1] - v0), weights[1])
+    _sample_shifted(coefficients, size, (u0 - half, v0 - half), weights, line, sampled)
+    _correlate(sampled, pixels, offsets, sums)
     norm2 = moments[0]
     energy = sums[1] - sums[0] * sums[0] / sampled.size
     measure[2] = sums[2] / norm2
@@ -431,42 +445,30 @@ def _score_shift(
 
 
 @_jit
-def correlate_on_grid(
-    image: LumaArray,
-    columns: int,
-    bank: Bank,
-    rows: Integers,
-    warps: FloatArray,
-    outcome: FloatArray,
-    divisions: int,
-    first: int,
-    last: int,
-) -> None:
+def correlate_on_grid(picture: Picture, bank: Bank, work: Work, divisions: int, share: tuple[int, int]) -> None:
     """Moves subsets to the highest ZNCC on a grid of 1 / ``divisions`` px within one pixel of their start.
 
-    The arrays are those of `register_subsets`. Of ``warps``, shape (K, 6), only the position is read and moved, from
-    the nearest pixel. The search halves its step from half a pixel down to one division and climbs at every step.
+    The arguments are those of `register_subsets`. Of the starts, shape (K, 6), only the position is read and moved,
+    from the nearest pixel. The search halves its step from half a pixel down to one division and climbs at every step.
     """
-    pixels, moments, _, grid = bank
+    (image, columns), (rows, warps, outcome) = picture, work
+    pixels, moments, _, offsets = bank
     count = pixels.shape[2]
     size = int(np.sqrt(count) + 0.5)
     reach = size // 2 + 1 + _AFTER + _DECAY_PX
     side = _padded(2 * reach + 1)
     region, coefficients = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     sums, measure, box = np.empty(9), np.empty(3), np.empty(4, np.int64)
-    wu, wv = np.empty(_TAPS, np.float32), np.empty(_TAPS, np.float32)
-    buffers = (np.empty(size + _TAPS, np.float32), np.empty(count, np.float32), wu, wv, sums)
-    for k in range(first, last):
-        row = rows[k]
+    weights = np.empty((2, _TAPS), np.float32)
+    buffers = (np.empty(size + _TAPS, np.float32), np.empty(count, np.float32), weights, sums)
+    for k in range(share[0], share[1]):
+        subset = (pixels[rows[k]], moments[rows[k]], offsets)
         outcome[k, 0], outcome[k, 1], outcome[k, 2] = FAILED, 0, np.nan
         if not _is_place(warps[k]):
             continue
         u0, v0 = int(np.floor(warps[k, 0] + 0.5)), int(np.floor(warps[k, 1] + 0.5))
         box[0], box[1], box[2], box[3] = u0 - reach, v0 - reach, side, side
-        _load_region(image, columns, box, _level(image, columns, box), region)
-        _filter_first_axis(region, side, side)
-        _transpose(region, side, side, coefficients)
-        _filter_first_axis(coefficients, side, side)
+        _load_coefficients(image, columns, box, region, coefficients)
         best, best_i, best_j = -2.0, 0, 0
         step = divisions // 2
         while step > 0:
@@ -475,10 +477,8 @@ def correlate_on_grid(
                 for j in range(center_j - step, center_j + step + 1, step):
                     if max(abs(i), abs(j)) > divisions:
                         continue
-                    score = _score_shift(
-                        coefficients, box, size, u0 + i / divisions, v0 + j / divisions,
-                        pixels[row], moments[row], grid, buffers, measure,
-                    )  # fmt: skip
+                    center = (reach + i / divisions, reach + j / divisions)
+                    score = _score_shift(coefficients, size, center, subset, buffers, measure)
                     if score > best:
                         best, best_i, best_j = score, i, j
                         outcome[k, 2], outcome[k, 3], outcome[k, 4] = measure[0], measure[1], measure[2]

@@ -4,11 +4,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.stages.registration.kernels import CONVERGED, OUTSIDE
 
-__all__ = ["RawRegistration", "Registration"]
+__all__ = ["RawRegistration", "Registration", "Starts"]
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Where registrations begin in the other image.
+
+    Parameters
+    ----------
+    position
+        Positions, shape (P, 2) [px], within a few pixels of the truth.
+    affine
+        Maps from offsets in the reference image to offsets in the other one, shape (P, 2, 2) [1]; identity when left
+        out.
+    """
+
+    position: npt.ArrayLike
+    affine: npt.ArrayLike | None = None
 
 
 @dataclass(frozen=True, eq=False)

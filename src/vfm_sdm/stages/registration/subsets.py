@@ -12,10 +12,18 @@ import numpy.typing as npt
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray, as_float_array
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.stages.registration.kernels import correlate_on_grid, register_subsets
-from vfm_sdm.stages.registration.records import RawRegistration, Registration
+from vfm_sdm.stages.registration.records import RawRegistration, Registration, Starts
 from vfm_sdm.stages.registration.reference_subsets import ReferenceSubsets, interpolation_noise, prepare_subsets
 
-__all__ = ["RawRegistration", "Registration", "SubsetBank", "check_luma", "check_subset_px", "register_subset"]
+__all__ = [
+    "RawRegistration",
+    "Registration",
+    "Starts",
+    "SubsetBank",
+    "check_luma",
+    "check_subset_px",
+    "register_subset",
+]
 
 TOLERANCE_PX = 1e-4
 """Distance to the minimum below which a registration has converged (RMS over the subset, from how the steps shrink):
@@ -207,12 +215,12 @@ class SubsetBank:
         executor: Executor | None,
     ) -> RawRegistration:
         """A kernel's work on registrations, in as many threads as are worth it."""
-        plane, width = _find_plane(current)
+        picture = _find_plane(current)
         warps = np.where(self.usable[rows][:, None], warps, np.nan)
         outcome = np.full((len(rows), 5), np.nan)
 
         def share(bounds: tuple[int, int]) -> None:
-            kernel(plane, width, self.prepared[:4], rows, warps, outcome, settings, *bounds)
+            kernel(picture, self.prepared[:4], (rows, warps, outcome), settings, bounds)
 
         parts = min(os.cpu_count() or 1, len(rows) // _SHARE) if executor is not None else 1
         if executor is None or parts < 2:
@@ -282,8 +290,7 @@ def register_subset(
     reference: LumaArray,
     current: LumaArray,
     points_reference: npt.ArrayLike,
-    initial_position: npt.ArrayLike,
-    initial_affine: npt.ArrayLike | None = None,
+    starts: Starts,
     *,
     subset_px: int = 41,
     max_iterations: int = 50,
@@ -296,10 +303,8 @@ def register_subset(
         The two images, shape (H, W), uint8 or uint16; sizes may differ.
     points_reference
         Points in the reference image, shape (P, 2) [px]; the same point may stand several times, with several starts.
-    initial_position
-        Start in the current image, shape (P, 2) [px], within a few pixels of the truth.
-    initial_affine
-        Start of the map from reference offsets to current offsets, shape (P, 2, 2) [1]; identity by default.
+    starts
+        Starts in the current image, shapes (P, 2) [px] and (P, 2, 2) [1].
     subset_px
         Side of the subsets, odd [px].
     max_iterations
@@ -328,7 +333,7 @@ def register_subset(
     >>> from scipy.ndimage import gaussian_filter, shift
     >>> texture = gaussian_filter(np.random.default_rng(0).normal(0, 1, (80, 100)), 1.5)
     >>> first, second = (np.rint(128 + 200 * shift(texture, (0, u), order=5)).astype(np.uint8) for u in (0, 0.3))
-    >>> found = register_subset(first, second, [[50.0, 40.0]], [[50.0, 40.0]], subset_px=31)
+    >>> found = register_subset(first, second, [[50.0, 40.0]], Starts([[50.0, 40.0]]), subset_px=31)
     >>> found.converged.tolist(), found.position.round(1).tolist()
     ([True], [[50.3, 40.0]])
     """
@@ -338,8 +343,8 @@ def register_subset(
         bank = SubsetBank.prepare(reference, distinct, subset_px=subset_px, executor=executor)
         return bank.register(
             current,
-            initial_position,
-            affine=initial_affine,
+            starts.position,
+            affine=starts.affine,
             rows=rows.reshape(-1),
             max_iterations=max_iterations,
             executor=executor,

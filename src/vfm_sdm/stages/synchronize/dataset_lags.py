@@ -8,7 +8,8 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import check_displacement, check_tracks, trusted_values
 from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.stages.synchronize.lag import Synchronization, estimate_lag
+from vfm_sdm.stages.synchronize.lag import LagSearch, Synchronization, estimate_lag
+from vfm_sdm.stages.synchronize.signals import Samples
 
 __all__ = ["estimate_sensor_lag", "estimate_view_lag", "synchronize_views"]
 
@@ -18,9 +19,7 @@ def estimate_view_lag(
     tracks_b: xr.Dataset,
     *,
     points: Sequence[str] | None = None,
-    search_s: float = 2.0,
-    start_lag_s: float = 0.0,
-    start_std_s: float | None = None,
+    search: LagSearch | None = None,
     band_hz: tuple[float, float] = (0.5, 12.0),
 ) -> Synchronization:
     """Lag of one view's recording behind another's, from the tracks of the same moving points.
@@ -32,8 +31,10 @@ def estimate_view_lag(
     points
         Moving points to use; without them, all points that both views have. Static points only add the cameras'
         shaking.
-    search_s, start_lag_s, start_std_s, band_hz
-        See `estimate_lag`.
+    search
+        Where the lag is looked for [s]; within 2 s of zero when left out.
+    band_hz
+        See `estimate_lag` [Hz].
 
     Raises
     ------
@@ -57,13 +58,9 @@ def estimate_view_lag(
         raise DatasetError(f"points: expected some of {both}, which both views have, got {chosen}; correct them")
     pairs = [((2 * i, 2 * i + 1), (2 * i, 2 * i + 1)) for i in range(len(chosen))]
     return estimate_lag(
-        tracks_a["time"].values,
-        _trusted_columns(tracks_a.sel(point=chosen), "position"),
-        tracks_b["time"].values,
-        _trusted_columns(tracks_b.sel(point=chosen), "position"),
-        search_s=search_s,
-        start_lag_s=start_lag_s,
-        start_std_s=start_std_s,
+        Samples(tracks_a["time"].values, _trusted_columns(tracks_a.sel(point=chosen), "position")),
+        Samples(tracks_b["time"].values, _trusted_columns(tracks_b.sel(point=chosen), "position")),
+        search=search or LagSearch(),
         groups=pairs,
         positive_gain=True,
         band_hz=band_hz,
@@ -88,7 +85,9 @@ def synchronize_views(
     start_offsets_s
         Seconds by which a view's first frame happens later than the reference view's, where roughly known: the
         convention of `align_views`, opposite in sign to a lag.
-    start_std_s, points, search_s, band_hz
+    start_std_s, search_s
+        See `LagSearch` [s].
+    points, band_hz
         See `estimate_view_lag`.
 
     Returns
@@ -111,9 +110,7 @@ def synchronize_views(
             tracks_by_view[reference],
             tracks_by_view[name],
             points=points,
-            search_s=search_s,
-            start_lag_s=-(start_offsets_s or {}).get(name, 0.0),
-            start_std_s=start_std_s,
+            search=LagSearch(search_s, -(start_offsets_s or {}).get(name, 0.0), start_std_s),
             band_hz=band_hz,
         )
     return result
@@ -125,9 +122,7 @@ def estimate_sensor_lag(
     *,
     pairs: Sequence[tuple[str, str]],
     axes: Sequence[str] = ("lateral", "vertical"),
-    search_s: float = 2.0,
-    start_lag_s: float = 0.0,
-    start_std_s: float | None = None,
+    search: LagSearch | None = None,
     band_hz: tuple[float, float] = (1.0, 10.0),
 ) -> Synchronization:
     """Lag of a sensor's displacement behind the displacement from video.
@@ -143,8 +138,8 @@ def estimate_sensor_lag(
         Point and sensor that measure the same place.
     axes
         Axes that are used together, each with a gain of its own above zero.
-    search_s, start_lag_s, start_std_s
-        See `estimate_lag`.
+    search
+        Where the lag is looked for [s]; within 2 s of zero when left out.
     band_hz
         Band that both sides hold [Hz]; displacement from acceleration has nothing below its high-pass.
 
@@ -170,13 +165,9 @@ def estimate_sensor_lag(
     sensed = reference.sel(sensor=sensors, axis=list(axes))["displacement"]
     channels = len(pairs) * len(axes)
     return estimate_lag(
-        displacement["time"].values,
-        _trusted_columns(seen, "displacement"),
-        reference["time"].values,
-        sensed.values.reshape(sensed.sizes["time"], -1),
-        search_s=search_s,
-        start_lag_s=start_lag_s,
-        start_std_s=start_std_s,
+        Samples(displacement["time"].values, _trusted_columns(seen, "displacement")),
+        Samples(reference["time"].values, sensed.values.reshape(sensed.sizes["time"], -1)),
+        search=search or LagSearch(),
         groups=[((i,), (i,)) for i in range(channels)],
         positive_gain=True,
         band_hz=band_hz,

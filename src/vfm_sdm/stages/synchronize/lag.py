@@ -1,10 +1,9 @@
 """The lag between two recordings of one motion: searched widely, estimated to a fraction of a sample, judged."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
 from vfm_sdm.core.arrays import FloatArray
@@ -12,10 +11,10 @@ from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize.clock_rate import estimate_drift
 from vfm_sdm.stages.synchronize.search import Group, compute_dependence
-from vfm_sdm.stages.synchronize.signals import Signal, check_signal, prepare_signal, sampling_rate
+from vfm_sdm.stages.synchronize.signals import Samples, Signal, check_signal, prepare_signal, sampling_rate
 from vfm_sdm.stages.synchronize.subsample import SubsampleEstimator, SubsampleLag
 
-__all__ = ["Synchronization", "estimate_lag"]
+__all__ = ["LagSearch", "Synchronization", "estimate_lag"]
 
 _HIGHEST_SHARE = 0.25
 """Highest frequency used, as a share of the lower sampling rate; above, interpolation changes amplitudes."""
@@ -35,6 +34,26 @@ _LEAST_SEARCH = 4.0
 """Samples on either side of a start value that are searched at least."""
 _PRIOR_PREFERENCE = 9.0
 """Difference of squared standardised distances from the start value that decides between equal peaks."""
+
+
+@dataclass(frozen=True)
+class LagSearch:
+    """Where a lag is looked for.
+
+    Parameters
+    ----------
+    search_s
+        Lags up to this far from the start value are considered [s].
+    start_lag_s
+        Centre of the search [s].
+    start_std_s
+        Standard deviation of the start value [s], where it is known (absolute time stamps): it narrows the search to
+        four times its value, and decides between peaks that are equally good.
+    """
+
+    search_s: float = 2.0
+    start_lag_s: float = 0.0
+    start_std_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,14 +92,10 @@ class Synchronization:
 
 
 def estimate_lag(
-    time_a: npt.ArrayLike,
-    values_a: npt.ArrayLike,
-    time_b: npt.ArrayLike,
-    values_b: npt.ArrayLike,
+    first: Samples,
+    second: Samples,
     *,
-    search_s: float,
-    start_lag_s: float = 0.0,
-    start_std_s: float | None = None,
+    search: LagSearch,
     groups: Sequence[Group] | None = None,
     positive_gain: bool = False,
     band_hz: tuple[float, float] = (0.5, 12.0),
@@ -89,17 +104,11 @@ def estimate_lag(
 
     Parameters
     ----------
-    time_a, time_b
-        Time stamps of the recordings, each on its own clock, shapes (Ta,) and (Tb,) [s]; rates may differ.
-    values_a, values_b
-        Ca and Cb channels of any units, shapes (Ta, Ca) and (Tb, Cb); NaN where missing.
-    search_s
-        Lags up to this far from the start value are considered [s].
-    start_lag_s
-        Centre of the search [s].
-    start_std_s
-        Standard deviation of the start value [s], where it is known (absolute time stamps): it narrows the search to
-        four times its value, and decides between peaks that are equally good.
+    first, second
+        The recordings a and b: time stamps of Ta and Tb samples, each on its own clock [s], rates may differ; Ca and
+        Cb channels of any units, NaN where missing.
+    search
+        Where the lag is looked for [s].
     groups
         Pairs of channel numbers, of a and of b, that are compared together, such as (u, v) of one point in two views.
         Without them, all channels of a are compared with all of b.
@@ -144,35 +153,34 @@ def estimate_lag(
     --------
     >>> time_s = np.arange(600) / 30
     >>> def seen(t):
-    ...     return np.sin(2 * np.pi * 1.7 * t) + np.sin(2 * np.pi * (1 + 0.05 * t) * t)
-    >>> found = estimate_lag(time_s, seen(time_s)[:, None], time_s, seen(time_s - 0.125)[:, None], search_s=1)
+    ...     motion = np.sin(2 * np.pi * 1.7 * t) + np.sin(2 * np.pi * (1 + 0.05 * t) * t)
+    ...     return Samples(time_s, motion[:, None])
+    >>> found = estimate_lag(seen(time_s), seen(time_s - 0.125), search=LagSearch(search_s=1.0))
     >>> found.ok, round(found.lag_s, 3)
     (True, 0.125)
     """
-    time_a, values_a = check_signal(np.asarray(time_a), np.asarray(values_a), "a")
-    time_b, values_b = check_signal(np.asarray(time_b), np.asarray(values_b), "b")
+    time_a, values_a = check_signal(first, "a")
+    time_b, values_b = check_signal(second, "b")
     groups = groups or [(tuple(range(values_a.shape[1])), tuple(range(values_b.shape[1])))]
     _check_options(groups, values_a.shape[1], values_b.shape[1], positive_gain)
-    if not (np.isfinite([search_s, start_lag_s]).all() and search_s > 0 and (start_std_s is None or start_std_s > 0)):
-        raise DatasetError(
-            f"search: expected positive seconds around a start, got {search_s=}, {start_lag_s=}, {start_std_s=}"
-        )
+    _check_search(search)
     rates = sampling_rate(time_a), sampling_rate(time_b)
     band = (band_hz[0], min(band_hz[1], _HIGHEST_SHARE * min(rates)))
     if not 0 < band_hz[0] < band_hz[1]:
         raise DatasetError(f"band_hz: expected 0 < low < high, got {band_hz}; correct it")
     if not band[0] < band[1]:
         return _report_failure(ClockStatus.TOO_SLOW)
-    first = prepare_signal(time_a, values_a, rate_hz=max(rates), band_hz=band)
-    second = prepare_signal(time_b, values_b, rate_hz=max(rates), band_hz=band)
-    if start_std_s is not None:
+    signal_a = prepare_signal(time_a, values_a, rate_hz=max(rates), band_hz=band)
+    signal_b = prepare_signal(time_b, values_b, rate_hz=max(rates), band_hz=band)
+    if search.start_std_s is not None:
         # A peak is seen only with its neighbours, however well the start is known.
-        search_s = min(search_s, max(_PRIOR_REACH * start_std_s, _LEAST_SEARCH / min(rates)))
-    lags, dependence = _search_lags(first, second, groups, start_lag_s, search_s, positive_gain)
+        reach = max(_PRIOR_REACH * search.start_std_s, _LEAST_SEARCH / min(rates))
+        search = replace(search, search_s=min(search.search_s, reach))
+    lags, dependence = _search_lags(signal_a, signal_b, groups, search, positive_gain)
     if not np.isfinite(dependence).any():
         return _report_failure(ClockStatus.TOO_SHORT)
     sizes = len(groups[0][0]), len(groups[0][1])
-    estimator = SubsampleEstimator(first, second, groups)
+    estimator = SubsampleEstimator(signal_a, signal_b, groups)
     estimated = _estimate_peaks(estimator, lags, dependence, sizes[1])
     at_edge = int(np.nanargmax(dependence)) not in _find_peaks(dependence)
     if not estimated:
@@ -181,22 +189,18 @@ def estimate_lag(
             ClockStatus.NO_MOTION if still else ClockStatus.AT_EDGE if at_edge else ClockStatus.NOT_CONVERGED
         )
     best = estimated[0]
-    if not _is_related(best, sizes[0] * sizes[1], 2 * band[1] * lags.size / first.rate_hz):
+    if not _is_related(best, sizes[0] * sizes[1], 2 * band[1] * lags.size / signal_a.rate_hz):
         return _report_failure(ClockStatus.NO_MOTION, best.correlation)
     if at_edge and np.nanmax(dependence) > best.dependence:
         return _report_failure(ClockStatus.AT_EDGE, best.correlation)
-    return _judge_peaks(estimator, estimated, sizes[1], start_lag_s, start_std_s)
+    return _judge_peaks(estimator, estimated, sizes[1], search)
 
 
 def _judge_peaks(
-    estimator: SubsampleEstimator,
-    estimated: Sequence[SubsampleLag],
-    channels: int,
-    start_s: float,
-    start_std_s: float | None,
+    estimator: SubsampleEstimator, estimated: Sequence[SubsampleLag], channels: int, search: LagSearch
 ) -> Synchronization:
     """The peak that stands out, with the ratio of the clock rates where it can be told."""
-    chosen, candidates = _choose_peak(estimated, channels, start_s, start_std_s)
+    chosen, candidates = _choose_peak(estimated, channels, search)
     if chosen is None:
         return _report_failure(ClockStatus.NOT_UNIQUE, estimated[0].correlation, candidates)
     return _with_clock_rate(estimator, chosen, candidates)
@@ -224,12 +228,12 @@ def _with_clock_rate(
 
 
 def _search_lags(
-    first: Signal, second: Signal, groups: Sequence[Group], start_s: float, search_s: float, positive_gain: bool
+    first: Signal, second: Signal, groups: Sequence[Group], search: LagSearch, positive_gain: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Lags of the search, whole samples apart, and the dependence there; NaN where too little overlaps."""
     rate, ahead = first.rate_hz, second.start_s - first.start_s
-    lowest = int(np.floor((start_s - search_s - ahead) * rate))
-    highest = int(np.ceil((start_s + search_s - ahead) * rate))
+    lowest = int(np.floor((search.start_lag_s - search.search_s - ahead) * rate))
+    highest = int(np.ceil((search.start_lag_s + search.search_s - ahead) * rate))
     steps = np.arange(max(lowest, 1 - len(first.values)), min(highest, len(second.values) - 1) + 1)
     if steps.size == 0:
         return np.zeros(0), np.zeros(0)
@@ -277,7 +281,7 @@ def _is_related(fit: SubsampleLag, parameters: int, trials: float) -> bool:
 
 
 def _choose_peak(
-    estimated: Sequence[SubsampleLag], channels: int, start_s: float, start_std_s: float | None
+    estimated: Sequence[SubsampleLag], channels: int, search: LagSearch
 ) -> tuple[SubsampleLag | None, tuple[float, ...]]:
     """The peak that stands out, by itself or by its start value; and all that are about as good."""
     best = estimated[0]
@@ -289,16 +293,25 @@ def _choose_peak(
     candidates = tuple(fit.lag_s for fit in tied)
     if len(tied) == 1:
         return best, candidates
-    if start_std_s is None:
+    if search.start_std_s is None:
         return None, candidates
-    ranked = sorted(tied, key=lambda fit: abs(fit.lag_s - start_s))
-    near, next_near = (((fit.lag_s - start_s) / start_std_s) ** 2 for fit in ranked[:2])
+    ranked = sorted(tied, key=lambda fit: abs(fit.lag_s - search.start_lag_s))
+    near, next_near = (((fit.lag_s - search.start_lag_s) / search.start_std_s) ** 2 for fit in ranked[:2])
     return (ranked[0] if next_near - near > _PRIOR_PREFERENCE else None), candidates
 
 
 def _report_failure(status: str, correlation: float = np.nan, candidates: tuple[float, ...] = ()) -> Synchronization:
     """A result without a lag that names the reason."""
     return Synchronization(np.nan, np.nan, correlation, status, np.nan, candidates=candidates)
+
+
+def _check_search(search: LagSearch) -> None:
+    """Refuses a search that has no meaning."""
+    search_s, start_lag_s, start_std_s = search.search_s, search.start_lag_s, search.start_std_s
+    if not (np.isfinite([search_s, start_lag_s]).all() and search_s > 0 and (start_std_s is None or start_std_s > 0)):
+        raise DatasetError(
+            f"search: expected positive seconds around a start, got {search_s=}, {start_lag_s=}, {start_std_s=}"
+        )
 
 
 def _check_options(groups: Sequence[Group], channels_a: int, channels_b: int, positive_gain: bool) -> None:

@@ -1,15 +1,17 @@
 """Recorded motion made ready for comparison: uniform clock, band of interest, gaps marked."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.signal import fftconvolve
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, as_float_array, mean_of_known
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.resampling import interpolate_runs
 
-__all__ = ["Signal", "check_signal", "prepare_signal", "sampling_rate"]
+__all__ = ["Samples", "Signal", "check_signal", "prepare_signal", "sampling_rate"]
 
 _GAP_STEPS = 1.5
 """A step of the clock longer than this many intervals is a gap."""
@@ -17,6 +19,21 @@ _LOWEST_COVERAGE = 0.8
 """Share of the smoothing kernel that must lie on valid samples; less near the ends and beside long gaps."""
 _ROUNDING = 1e-12
 """Motion below this share of its level is arithmetic, not motion."""
+
+
+class Samples(NamedTuple):
+    """What was recorded, on the clock of the recording.
+
+    Parameters
+    ----------
+    time_s
+        Increasing time stamps, shape (T,) [s].
+    values
+        C channels in any units, shape (T, C); NaN where missing.
+    """
+
+    time_s: npt.ArrayLike
+    values: npt.ArrayLike
 
 
 @dataclass(frozen=True)
@@ -38,15 +55,13 @@ class Signal:
         return np.asarray(self.start_s + np.arange(len(self.values)) / self.rate_hz)
 
 
-def check_signal(time_s: FloatArray, values: FloatArray, name: str) -> tuple[FloatArray, FloatArray]:
+def check_signal(samples: Samples, name: str) -> tuple[FloatArray, FloatArray]:
     """Time stamps and values of a recording as arrays.
 
     Parameters
     ----------
-    time_s
-        Increasing time stamps, shape (T,) [s].
-    values
-        C channels in any units, shape (T, C).
+    samples
+        Time stamps, shape (T,) [s], and C channels in any units, shape (T, C).
     name
         Name of the recording in messages.
 
@@ -57,12 +72,12 @@ def check_signal(time_s: FloatArray, values: FloatArray, name: str) -> tuple[Flo
 
     Examples
     --------
-    >>> time_s, values = check_signal(np.arange(4) / 30, np.zeros((4, 2)), "left")
+    >>> time_s, values = check_signal(Samples(np.arange(4) / 30, np.zeros((4, 2))), "left")
     >>> time_s.shape, values.shape
     ((4,), (4, 2))
     """
-    time_s = as_float_array(time_s, f"time of {name}", (None,))
-    values = as_float_array(values, f"values of {name}", (time_s.size, None))
+    time_s = as_float_array(samples.time_s, f"time of {name}", (None,))
+    values = as_float_array(samples.values, f"values of {name}", (time_s.size, None))
     if time_s.size < 4 or not np.isfinite(time_s).all() or np.any(np.diff(time_s) <= 0):
         raise DatasetError(f"time of {name}: expected four or more finite, increasing stamps; sort the samples")
     return time_s, values

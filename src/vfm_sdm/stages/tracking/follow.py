@@ -24,13 +24,27 @@ _PEAKS_IN_REFERENCE = 12  # more, because the nearest look-alike counts there, n
 
 @dataclass(frozen=True)
 class FollowSettings:
-    """Limits that decide between following, searching and giving up; see `vfm_sdm.stages.tracking.icgn.IcgnTracker`."""
+    """Limits that decide between following, searching and giving up; see `vfm_sdm.stages.tracking.icgn.IcgnTracker`.
 
-    search_radius_px: int
-    max_iterations: int
-    minimum_correlation: float
-    reliable_correlation: float
-    predict: bool
+    Parameters
+    ----------
+    search_radius_px
+        Where following fails, how far from the last good position to search [px]: the largest jump.
+    max_iterations
+        Gauss-Newton steps after which a registration has failed.
+    minimum_correlation
+        Below this ZNCC a point is lost.
+    reliable_correlation
+        Below this ZNCC, after a search found nothing better, a point is unreliable.
+    predict
+        Whether each frame starts from the last motion continued, or from the last position.
+    """
+
+    search_radius_px: int = 40
+    max_iterations: int = 50
+    minimum_correlation: float = 0.6
+    reliable_correlation: float = 0.8
+    predict: bool = True
 
 
 class Follower:

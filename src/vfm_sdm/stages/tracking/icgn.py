@@ -28,16 +28,8 @@ class IcgnTracker:
     ----------
     subset_px
         Side of the subset, odd [px].
-    search_radius_px
-        Where following fails, how far from the last good position to search [px]: the largest jump.
-    predict
-        Whether each frame starts from the last motion continued, or from the last position.
-    max_iterations
-        Gauss-Newton steps after which a registration has failed.
-    minimum_correlation
-        Below this ZNCC a point is lost.
-    reliable_correlation
-        Below this ZNCC, after a search found nothing better, a point is unreliable.
+    settings
+        Limits that decide between following, searching and giving up.
     max_std_px
         Above this stated standard deviation, in its worst direction, a point is unreliable [px].
     threads
@@ -86,29 +78,23 @@ class IcgnTracker:
         self,
         *,
         subset_px: int = 41,
-        search_radius_px: int = 40,
-        predict: bool = True,
-        max_iterations: int = 50,
-        minimum_correlation: float = 0.6,
-        reliable_correlation: float = 0.8,
+        settings: FollowSettings | None = None,
         max_std_px: float = 0.1,
         threads: int | None = None,
     ) -> None:
         check_subset_px(subset_px, "subset_px")
+        self.settings = settings or FollowSettings()
         check_counts(
             self.name,
-            search_radius_px=search_radius_px,
-            max_iterations=max_iterations,
+            search_radius_px=self.settings.search_radius_px,
+            max_iterations=self.settings.max_iterations,
             max_std_px=max_std_px,
             threads=threads,
         )
-        check_correlations(self.name, minimum_correlation, reliable_correlation)
+        check_correlations(self.name, self.settings.minimum_correlation, self.settings.reliable_correlation)
         self.subset_px = subset_px
         self.max_std_px = max_std_px
         self.threads = threads or os.cpu_count() or 1
-        self.settings = FollowSettings(
-            search_radius_px, max_iterations, minimum_correlation, reliable_correlation, predict
-        )
 
     def track(
         self,

@@ -22,7 +22,7 @@ from vfm_sdm.stages.tracking.chunks import ChunkPlan, ChunkStitcher
 from vfm_sdm.stages.tracking.inputs import check_points
 from vfm_sdm.stages.tracking.patches import Patch, plan_patches
 
-__all__ = ["NetworkPreset", "NetworkTracker", "follow_with_network"]
+__all__ = ["NetworkPreset", "NetworkTracker", "PresetNetwork", "follow_with_network"]
 
 _STD_PX = 0.25
 """Standard deviation of a network's position [px]. It is an assumption: networks state none, and without weights none
@@ -74,6 +74,22 @@ class NetworkPreset:
             return patch
         width, height = self.canvas
         return np.pad(patch, ((0, height - patch.shape[0]), (0, width - patch.shape[1]), (0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class PresetNetwork:
+    """A network and how it sees a recording.
+
+    Parameters
+    ----------
+    network
+        Network that follows points through the pictures of a chunk.
+    preset
+        How it sees the recording.
+    """
+
+    network: ChunkNetwork
+    preset: NetworkPreset
 
 
 class NetworkTracker(ABC):
@@ -153,8 +169,7 @@ class NetworkTracker(ABC):
             The device has no memory for a few frames.
         """
         tracks = follow_with_network(
-            self.inference,
-            self.preset,
+            PresetNetwork(self.inference, self.preset),
             video,
             points2d,
             names=names,
@@ -170,8 +185,7 @@ class NetworkTracker(ABC):
 
 
 def follow_with_network(
-    network: ChunkNetwork,
-    preset: NetworkPreset,
+    network: PresetNetwork,
     video: Video,
     points2d: FloatArray,
     *,
@@ -184,9 +198,7 @@ def follow_with_network(
     Parameters
     ----------
     network
-        Network that follows the points.
-    preset
-        How it sees the recording.
+        Network that follows the points, and how it sees the recording.
     video
         The view; it is read once, in order. The patches of the frames before the reference frame are held in memory.
     points2d
@@ -215,10 +227,11 @@ def follow_with_network(
     if reference_frame < 0:
         raise DatasetError(f"reference_frame: expected 0 or more, got {reference_frame}; count frames from the first")
     image_size = (video.info.width, video.info.height)
+    preset = network.preset
     patches = plan_patches(
         points, image_size, side_px=preset.side_px, multiple=preset.multiple, least_px=preset.least_px
     )
-    followers = [_Follower(network, preset, patch, points[patch.rows]) for patch in patches]
+    followers = [_Follower(network.network, preset, patch, points[patch.rows]) for patch in patches]
     time_s: list[float] = []
     for frame in video.frames():
         time_s.append(frame.time_s)

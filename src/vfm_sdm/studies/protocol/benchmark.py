@@ -13,7 +13,15 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import ResultsError, VfmSdmError
 from vfm_sdm.studies.protocol import report
 from vfm_sdm.studies.protocol.figures import save_protocol_figures
-from vfm_sdm.studies.protocol.methods import MONOCULAR, OURS, WITHOUT_SGR, Comparison, Method, comparisons, why_not
+from vfm_sdm.studies.protocol.methods import (
+    MONOCULAR,
+    WITH_SGR,
+    WITHOUT_SGR,
+    ComparedMethod,
+    Comparison,
+    comparisons,
+    why_not,
+)
 from vfm_sdm.studies.protocol.records import AGAINST, Benchmark, TestResult
 from vfm_sdm.studies.protocol.runs import (
     FieldTest,
@@ -43,16 +51,21 @@ def run_benchmark(
     Parameters
     ----------
     folder
-        Gets ``field_tests/``, ``runs/``, ``tables/`` and ``figures/``. What is finished there is not done again, so a
-        run that was cut short goes on where it was.
+        Folder for ``field_tests/``, ``runs/``, ``tables/`` and ``figures/``. What is finished there is not done again,
+        so a run that was cut short goes on where it was.
     size
-        Of the field tests, see `vfm_sdm.studies.synthetic.presets.preset`.
+        Size of the field tests, see `vfm_sdm.studies.synthetic.presets.preset`.
     names
-        Which field tests.
+        Names of the field tests.
     sensitivity
         Whether to add the sensitivity study.
     progress
-        Called with what is being done, the steps done and the steps in all.
+        Called with the name of the step, the steps done and the steps in all.
+
+    Returns
+    -------
+    benchmark
+        Tables, results of every method on every field test (lengths in mm), and the paths of the figures.
 
     Raises
     ------
@@ -67,7 +80,7 @@ def run_benchmark(
         raise ResultsError(f"{out}: expected a folder to write to, got: {error}; choose another") from error
     results: dict[str, TestResult] = {name: _run_test(out, name, size, progress) for name in names}
     rows = run_sensitivity(out / "sensitivity", size=size, progress=progress) if sensitivity else []
-    tables = {table.name: table for table in _tables(results, rows)}
+    tables = {table.name: table for table in _make_tables(results, rows)}
     for table in tables.values():
         write_table(out / "tables", table)
     with _announced(progress, "figures"):
@@ -83,10 +96,10 @@ def _run_test(out: Path, name: PresetName, size: Size, progress: Progress | None
     wanted = dict.fromkeys(method for comparison in comparisons() for method in comparison.methods)
     methods = [method for method in wanted if why_not(method) is None]
     if not test.plan.within_assumptions:
-        methods = [WITHOUT_SGR, OURS]
-    done: dict[tuple[str, str, str], Method] = {}
+        methods = [WITHOUT_SGR, WITH_SGR]
+    done: dict[tuple[str, str, str], ComparedMethod] = {}
     for method in methods:
-        # Some tables show the same way under another name.
+        # Some tables show the same method under another name.
         twin = done.setdefault((method.tracker, method.cameras, method.refinement), method)
         if twin != method:
             result.runs[method] = result.runs[twin]
@@ -100,36 +113,36 @@ def _run_test(out: Path, name: PresetName, size: Size, progress: Progress | None
                     run = run_monocular(test, place, progress=progress)
                 else:
                     run, costs = run_method(test, method, place, progress=progress)
-                    if method == OURS:
+                    if method == WITH_SGR:
                         result.costs = [*costs, *measure_geometry(run)]
             except VfmSdmError as error:
                 # One method that fails on one field test is a line in the tables, not the end of the protocol.
                 run = MethodRun(None, status=str(error))
         result.runs[method] = run
         if run.displacement is not None:
-            for against, evaluation in _evaluations(test, run.displacement).items():
+            for against, evaluation in _evaluate_run(test, run.displacement).items():
                 result.evaluations[against][method] = evaluation
-    result.reference = test.against_sensors(_monitored_truth(test))
+    result.reference = test.against_sensors(_select_monitored(test))
     return result
 
 
-def _evaluations(test: FieldTest, displacement: xr.Dataset) -> dict[str, Evaluation]:
+def _evaluate_run(test: FieldTest, displacement: xr.Dataset) -> dict[str, Evaluation]:
     found = {"truth": test.against_truth(displacement)}
     sensors = test.against_sensors(displacement)
     return found if sensors is None else {**found, "accelerometers": sensors}
 
 
-def _monitored_truth(test: FieldTest) -> xr.Dataset:
+def _select_monitored(test: FieldTest) -> xr.Dataset:
     return test.truth.sel(point=list(test.monitored))
 
 
-def _tables(results: Mapping[str, TestResult], rows: Sequence[SensitivityRow]) -> Iterator[Table]:
+def _make_tables(results: Mapping[str, TestResult], rows: Sequence[SensitivityRow]) -> Iterator[Table]:
     inside = {name: r for name, r in results.items() if r.test.plan.within_assumptions}
     yield report.dataset_table(results)
     yield report.amplitude_table(inside)
     for comparison in comparisons():
         for against in AGAINST:
-            yield _comparison(comparison, inside, against)
+            yield _make_comparison(comparison, inside, against)
     yield report.reference_table(inside)
     yield report.clock_table(results)
     yield report.outside_table({name: r for name, r in results.items() if name not in inside})
@@ -138,7 +151,7 @@ def _tables(results: Mapping[str, TestResult], rows: Sequence[SensitivityRow]) -
         yield report.sensitivity_table(rows)
 
 
-def _comparison(comparison: Comparison, results: Mapping[str, TestResult], against: str) -> Table:
+def _make_comparison(comparison: Comparison, results: Mapping[str, TestResult], against: str) -> Table:
     cases = [case for result in results.values() for case in result.cases if case.axis in comparison.axes]
     able = [method for method in comparison.methods if why_not(method) is None]
     scores: dict[str, dict[Case, Score]] = {}
@@ -151,12 +164,12 @@ def _comparison(comparison: Comparison, results: Mapping[str, TestResult], again
         scores,
         cases=cases,
         missing={method.label: str(why_not(method)) for method in comparison.methods if method not in able},
-        notes=[*_failures(able, results), *_gaps(able, results, against)],
+        notes=[*_note_failures(able, results), *_note_gaps(able, results, against)],
     )
 
 
-def _failures(methods: Sequence[Method], results: Mapping[str, TestResult]) -> list[str]:
-    """Methods that ran but gave nothing, and why."""
+def _note_failures(methods: Sequence[ComparedMethod], results: Mapping[str, TestResult]) -> list[str]:
+    """Sentences on methods that ran without a result, and why."""
     return [
         f"{method.label} on {name}: {result.runs[method].status}"
         for name, result in results.items()
@@ -165,8 +178,8 @@ def _failures(methods: Sequence[Method], results: Mapping[str, TestResult]) -> l
     ]
 
 
-def _gaps(methods: Sequence[Method], results: Mapping[str, TestResult], against: str) -> list[str]:
-    """Why figures are missing of methods that gave a displacement, such as an unknown lag."""
+def _note_gaps(methods: Sequence[ComparedMethod], results: Mapping[str, TestResult], against: str) -> list[str]:
+    """Sentences on missing metrics of methods that gave a displacement, such as an unknown lag."""
     return [
         f"{method.label} on {name}: {note}"
         for name, result in results.items()

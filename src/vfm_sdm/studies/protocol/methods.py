@@ -6,21 +6,21 @@ from typing import Literal
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks.availability import why_unavailable
 
-__all__ = ["MONOCULAR", "OURS", "WITHOUT_SGR", "Comparison", "Method", "comparisons", "why_not"]
+__all__ = ["MONOCULAR", "WITHOUT_SGR", "WITH_SGR", "ComparedMethod", "Comparison", "comparisons", "why_not"]
 
 Refinement = Literal["none", "sgr"]
 
 
 @dataclass(frozen=True)
-class Method:
+class ComparedMethod:
     """One way from recordings to displacement.
 
     Parameters
     ----------
     label
-        As in the tables.
+        Name in the tables.
     tracker, cameras, refinement
-        As in ``[method]`` of a session.
+        Settings as in ``[method]`` of a session.
     """
 
     label: str
@@ -30,18 +30,18 @@ class Method:
 
     @property
     def run_name(self) -> str:
-        """Folder of its cameras and tracks; refinements share it."""
+        """Name of the folder of its cameras and tracks; refinements share it."""
         return f"{self.tracker}+{self.cameras}"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Methods beside each other in one table.
+    """Methods that stand beside each other in one table.
 
     Parameters
     ----------
     name
-        Of the table's files.
+        Name of the table's files.
     title
         What is compared.
     methods
@@ -52,48 +52,61 @@ class Comparison:
 
     name: str
     title: str
-    methods: tuple[Method, ...]
+    methods: tuple[ComparedMethod, ...]
     axes: tuple[str, ...] = ("vertical", "lateral")
 
 
-OURS = Method("with SGR", refinement="sgr")
-WITHOUT_SGR = Method("without SGR")
-MONOCULAR = Method("monocular target tracking", tracker="template", cameras="none: scale factor, left view")
+WITH_SGR = ComparedMethod("with SGR", refinement="sgr")
+WITHOUT_SGR = ComparedMethod("without SGR")
+MONOCULAR = ComparedMethod("monocular target tracking", tracker="template", cameras="none: scale factor, left view")
 _NO_PICTURES = "the field tests hold no pictures of a chessboard"
 
 
 def comparisons() -> tuple[Comparison, ...]:
     """The paper's four comparisons; methods that cannot run here are among them (`why_not`)."""
     return (
-        Comparison("refinement", "with and without structural geometry refinement (SGR)", (WITHOUT_SGR, OURS)),
-        Comparison("baseline", "stereo with SGR against monocular target tracking", (OURS, MONOCULAR), ("vertical",)),
+        Comparison("refinement", "with and without structural geometry refinement (SGR)", (WITHOUT_SGR, WITH_SGR)),
+        Comparison(
+            "baseline", "stereo with SGR against monocular target tracking", (WITH_SGR, MONOCULAR), ("vertical",)
+        ),
         Comparison(
             "cameras",
             "camera parameter estimation, without SGR",
             (
-                Method("two-view and site adjustment"),
-                Method("known cameras", cameras="file"),
-                Method("chessboard", cameras="chessboard"),
-                Method("VGGT", cameras="vggt"),
-                Method("SfM", cameras="sfm"),
+                ComparedMethod("two-view and site adjustment"),
+                ComparedMethod("known cameras", cameras="file"),
+                ComparedMethod("chessboard", cameras="chessboard"),
+                ComparedMethod("VGGT", cameras="vggt"),
+                ComparedMethod("SfM", cameras="sfm"),
             ),
         ),
         Comparison(
             "trackers",
             "point tracking, without SGR",
             (
-                Method("icgn"),
-                Method("template", tracker="template"),
-                Method("VGGT", tracker="vggt"),
-                Method("BootsTAPIR", tracker="tapir"),
-                Method("VGGT + icgn", tracker="vggt+icgn"),
+                ComparedMethod("icgn"),
+                ComparedMethod("template", tracker="template"),
+                ComparedMethod("VGGT", tracker="vggt"),
+                ComparedMethod("BootsTAPIR", tracker="tapir"),
+                ComparedMethod("VGGT + icgn", tracker="vggt+icgn"),
             ),
         ),
     )
 
 
-def why_not(method: Method) -> str | None:
-    """Why a method cannot run on the field tests here; ``None`` when it can."""
+def why_not(method: ComparedMethod) -> str | None:
+    """Reason why a method cannot run on the field tests here; ``None`` when it can.
+
+    Parameters
+    ----------
+    method
+        One of the methods of `comparisons`.
+
+    Examples
+    --------
+    >>> why_not(WITH_SGR) is None, why_not(ComparedMethod("chessboard", cameras="chessboard"))
+    (True, 'the field tests hold no pictures of a chessboard')
+    """
     if method == MONOCULAR:
         return None
     if method.cameras == "chessboard":

@@ -1,4 +1,4 @@
-"""What a benchmark yields: all methods on one field test, and all field tests."""
+"""Records of a benchmark: all methods on one field test, and all field tests."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from vfm_sdm.analysis.evaluation import Evaluation
 from vfm_sdm.analysis.evaluation.metrics import Score
 from vfm_sdm.studies.protocol.cost import Cost
-from vfm_sdm.studies.protocol.methods import Method
+from vfm_sdm.studies.protocol.methods import ComparedMethod
 from vfm_sdm.studies.protocol.runs import FieldTest, MethodRun
 from vfm_sdm.studies.protocol.tables import Case, Table
 
@@ -16,35 +16,47 @@ AGAINST = {
     "truth": "the exact displacement",
     "accelerometers": "displacement from the accelerometers, both at 1 to 10 Hz",
 }
-"""What the methods are compared with."""
+"""Data that the methods are compared with."""
 
 
 @dataclass(eq=False)
 class TestResult:
-    """All methods on one field test.
+    """Results of all methods on one field test.
 
     Parameters
     ----------
     test
         The field test.
     runs
-        By method.
+        Run of each method.
     evaluations
-        By what they were compared with and by method.
+        Evaluations by the data of the comparison and by method.
     reference
-        The accelerometers' displacement itself against the truth.
+        Evaluation of the accelerometers' own displacement against the truth.
     costs
-        Of the stages of the default method.
+        Costs of the stages of the default method.
     """
 
     test: FieldTest
-    runs: dict[Method, MethodRun] = field(default_factory=dict)
-    evaluations: dict[str, dict[Method, Evaluation]] = field(default_factory=lambda: {name: {} for name in AGAINST})
+    runs: dict[ComparedMethod, MethodRun] = field(default_factory=dict)
+    evaluations: dict[str, dict[ComparedMethod, Evaluation]] = field(
+        default_factory=lambda: {name: {} for name in AGAINST}
+    )
     reference: Evaluation | None = None
     costs: list[Cost] = field(default_factory=list)
 
-    def score(self, against: str, method: Method, case: Case) -> Score | None:
-        """Figures of a method in a case; ``None`` where it has none."""
+    def score(self, against: str, method: ComparedMethod, case: Case) -> Score | None:
+        """Metrics of a method in a case; ``None`` where it has none.
+
+        Parameters
+        ----------
+        against
+            Key of `AGAINST`.
+        method
+            The method.
+        case
+            Field test, point and axis.
+        """
         evaluation = self.evaluations[against].get(method)
         if evaluation is None:
             return None
@@ -59,20 +71,20 @@ class TestResult:
 
 @dataclass(eq=False)
 class Benchmark:
-    """What `run_benchmark` yields.
+    """Result of `run_benchmark`.
 
     Parameters
     ----------
     folder
-        Where tables and figures are.
+        Folder of the tables and figures.
     tables
-        All of them, by name.
+        All tables by name.
     results
-        By field test.
+        Results by field test.
     figures
         Paths of the figures.
     seconds
-        What the run took.
+        Time that the run took [s].
     """
 
     folder: Path

@@ -1,4 +1,4 @@
-"""The protocol's tables that are no plain comparison of methods, and its summary."""
+"""Tables of the protocol beside the comparisons of methods, and its summary."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.outputs.results import describe_clocks
-from vfm_sdm.studies.protocol.methods import OURS, WITHOUT_SGR, Method
+from vfm_sdm.studies.protocol.methods import WITH_SGR, WITHOUT_SGR, ComparedMethod
 from vfm_sdm.studies.protocol.records import TestResult
 from vfm_sdm.studies.protocol.sensitivity import SensitivityRow
 from vfm_sdm.studies.protocol.tables import METRICS, Case, Cell, Table, comparison_table
@@ -26,14 +26,20 @@ __all__ = [
 ]
 
 PAPER = {"NRMSE range": 0.15, "correlation": 0.73, "RPPAE": 0.11}
-"""Means over the paper's twelve cases, with SGR, against its accelerometers."""
+"""Means over the twelve cases of the paper, with SGR, against its accelerometers [1]."""
 
 _Results = Mapping[str, TestResult]
 _IN_BAND = "accelerometers"
 
 
 def dataset_table(results: _Results) -> Table:
-    """The paper's summary of its data sets."""
+    """The paper's summary of its data sets.
+
+    Parameters
+    ----------
+    results
+        Results by field test.
+    """
     rows: list[tuple[Cell, ...]] = []
     for name, result in results.items():
         plan = result.test.plan
@@ -46,11 +52,17 @@ def dataset_table(results: _Results) -> Table:
 
 
 def amplitude_table(results: _Results) -> Table:
-    """Peak-to-peak amplitudes, everything at 1 to 10 Hz so that like is compared with like."""
+    """Peak-to-peak amplitudes [mm], all at 1 to 10 Hz so that they can be compared.
+
+    Parameters
+    ----------
+    results
+        Results by field test.
+    """
     rows: list[tuple[Cell, ...]] = []
     for result in results.values():
         for case in result.cases:
-            estimates = [_peak_to_peak(result, method, case) for method in (WITHOUT_SGR, OURS)]
+            estimates = [_read_peak_to_peak(result, method, case) for method in (WITHOUT_SGR, WITH_SGR)]
             truth, sensor = np.nan, np.nan
             if result.reference is not None:
                 row = result.reference.row(case.point, case.axis)
@@ -61,7 +73,13 @@ def amplitude_table(results: _Results) -> Table:
 
 
 def reference_table(results: _Results) -> Table:
-    """How far the accelerometers' displacement is from the truth: what a comparison with it cannot see below."""
+    """Errors of the accelerometers' displacement, below which a comparison with it shows nothing.
+
+    Parameters
+    ----------
+    results
+        Results by field test.
+    """
     cases = [case for result in results.values() for case in result.cases]
     scores = {
         case: result.reference.row(case.point, case.axis).score
@@ -82,16 +100,26 @@ def reference_table(results: _Results) -> Table:
 
 
 def clock_table(results: _Results) -> Table:
-    """Offsets found between the views, and between video and accelerometers, beside the true ones."""
+    """Estimated offsets [s] between the views, and between video and accelerometers, beside the true ones.
+
+    Parameters
+    ----------
+    results
+        Results by field test.
+    """
     rows: list[tuple[Cell, ...]] = []
     for name, result in results.items():
-        run, truth = result.runs.get(OURS), result.test.truth.attrs
-        second = result.test.session.view[1].name
-        clock = describe_clocks(run.displacement).get(second) if run and run.displacement is not None else None
-        if clock is not None:
-            true, offset, std = float(truth["second_view_offset_s"]), clock["offset_s"], clock["offset_std_s"]
-            rows.append((name, "second view", true, offset, 1e3 * (offset - true), 1e3 * std, clock["status"]))
-        evaluation = result.evaluations["accelerometers"].get(OURS)
+        run, truth = result.runs.get(WITH_SGR), result.test.truth.attrs
+        clocks = describe_clocks(run.displacement) if run is not None and run.displacement is not None else {}
+        offsets_s = truth.get("view_offsets_s", [0.0, truth["second_view_offset_s"]])
+        for number, (view, true) in enumerate(zip(result.test.session.view, offsets_s, strict=True)):
+            if number > 0 and view.name in clocks:
+                clock = clocks[view.name]
+                offset, std = clock["offset_s"], clock["offset_std_s"]
+                what = "second view" if number == 1 else f"view {view.name}"
+                errors = (1e3 * (offset - float(true)), 1e3 * std)
+                rows.append((name, what, float(true), offset, *errors, clock["status"]))
+        evaluation = result.evaluations["accelerometers"].get(WITH_SGR)
         if evaluation is not None and evaluation.synchronization is not None:
             found = evaluation.synchronization
             true = float(np.atleast_1d(truth["sensor_offset_s"])[0])
@@ -102,10 +130,16 @@ def clock_table(results: _Results) -> Table:
 
 
 def outside_table(results: _Results) -> Table:
-    """Field tests that violate what the method assumes, apart from the others as in the paper."""
+    """Metrics of field tests that violate the method's assumptions, apart from the others as in the paper.
+
+    Parameters
+    ----------
+    results
+        Results by field test.
+    """
     cases = [case for result in results.values() for case in result.cases]
     scores = {}
-    for method in (WITHOUT_SGR, OURS):
+    for method in (WITHOUT_SGR, WITH_SGR):
         found = {case: results[case.dataset].score("truth", method, case) for case in cases}
         scores[method.label] = {case: score for case, score in found.items() if score is not None}
     return comparison_table(
@@ -121,7 +155,13 @@ def outside_table(results: _Results) -> Table:
 
 
 def cost_table(results: _Results) -> Table:
-    """Time and peak memory of the stages, means over the field tests."""
+    """Time [ms] and peak memory [MB] of the stages, means over the field tests.
+
+    Parameters
+    ----------
+    results
+        Results by field test.
+    """
     tasks = list(dict.fromkeys(cost.task for result in results.values() for cost in result.costs))
     rows: list[tuple[Cell, ...]] = []
     for task in tasks:
@@ -148,7 +188,8 @@ def write_summary(folder: Path, tables: Mapping[str, Table], *, size: str, secon
     """Writes ``benchmark.json`` and ``README.md``: the means beside the paper's, and where every table is."""
     means = {
         against: {
-            metric: _mean(tables[f"refinement_against_{against}"], f"{metric}: {OURS.label}") for metric in METRICS
+            metric: _read_mean(tables[f"refinement_against_{against}"], f"{metric}: {WITH_SGR.label}")
+            for metric in METRICS
         }
         for against in ("truth", "accelerometers")
         if f"refinement_against_{against}" in tables
@@ -168,11 +209,11 @@ def write_summary(folder: Path, tables: Mapping[str, Table], *, size: str, secon
         temporary.write_text("\n".join(lines), encoding="utf-8")
 
 
-def _mean(table: Table, column: str) -> float | None:
+def _read_mean(table: Table, column: str) -> float | None:
     value = next(row for row in table.rows if row[0] == "mean")[table.columns.index(column)]
     return float(value) if np.isfinite(float(value)) else None
 
 
-def _peak_to_peak(result: TestResult, method: Method, case: Case) -> float:
+def _read_peak_to_peak(result: TestResult, method: ComparedMethod, case: Case) -> float:
     evaluation = result.evaluations[_IN_BAND].get(method)
     return np.nan if evaluation is None else evaluation.row(case.point, case.axis).estimate_peak_to_peak_mm

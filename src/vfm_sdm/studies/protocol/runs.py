@@ -22,7 +22,7 @@ from vfm_sdm.outputs.results import write_displacement
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.refinement import refine
 from vfm_sdm.studies.protocol.cost import Cost, measure_cost
-from vfm_sdm.studies.protocol.methods import MONOCULAR, Method
+from vfm_sdm.studies.protocol.methods import MONOCULAR, ComparedMethod
 from vfm_sdm.studies.synthetic.field_test import make_field_test
 from vfm_sdm.studies.synthetic.plan import Preset
 
@@ -36,10 +36,10 @@ __all__ = [
 ]
 
 _KNOWN_HEIGHT_M, _KNOWN_HEIGHT_STD = 0.5, 0.005
-"""A dimension beside each point that gives the monocular baseline its scale, and its relative standard deviation."""
+"""Known length beside each point that gives the monocular method its scale [m], and its standard deviation [1]."""
 _ENDS = ("upper end", "lower end")
 _PICK_STD_PX = 0.5
-"""How well its two ends are pointed at."""
+"""Standard deviation of pointing at its two ends [px]."""
 _REPETITIONS = 5
 
 
@@ -50,15 +50,15 @@ class FieldTest:
     Parameters
     ----------
     plan
-        What it shows.
+        Settings of the field test.
     folder
-        Its session folder.
+        Folder of its session.
     session
-        As an engineer would have written it.
+        Session as an engineer would have written it.
     truth
-        Exact displacement.
+        Exact displacement, shape (T, P, 3) [mm].
     reference
-        Displacement from the accelerometers, on their clock; ``None`` where it has none.
+        Displacement from the accelerometers on their clock, shape (T', S, 3) [mm]; ``None`` where it has none.
     """
 
     plan: Preset
@@ -69,16 +69,28 @@ class FieldTest:
 
     @property
     def monitored(self) -> dict[str, str]:
-        """Sensor at each monitored point."""
+        """Name of the sensor at each monitored point."""
         return {mounted.point: mounted.sensor.name for mounted in self.plan.accelerometers}
 
     def against_truth(self, displacement: xr.Dataset) -> Evaluation:
-        """Evaluation of the monitored points."""
+        """Evaluation of the monitored points against the truth.
+
+        Parameters
+        ----------
+        displacement
+            Displacement dataset, shape (T, P, A) [mm].
+        """
         axes = [str(a) for a in displacement["axis"].values if a in ("lateral", "vertical")]
         return evaluate(displacement, self.truth, pairs={point: point for point in self.monitored}, axes=axes)
 
     def against_sensors(self, displacement: xr.Dataset) -> Evaluation | None:
-        """Evaluation of the monitored points, the sensors' clock aligned to the video by the motion."""
+        """Evaluation of the monitored points against the sensors, whose clock is aligned by the motion.
+
+        Parameters
+        ----------
+        displacement
+            Displacement dataset, shape (T, P, A) [mm].
+        """
         if self.reference is None:
             return None
         axes = [str(a) for a in displacement["axis"].values if a in ("lateral", "vertical")]
@@ -87,16 +99,17 @@ class FieldTest:
 
 @dataclass(eq=False)
 class MethodRun:
-    """What one method yields on one field test.
+    """Result of one method on one field test.
 
     Parameters
     ----------
     displacement
-        ``None`` where there is none; ``status`` says why.
+        Displacement dataset, shape (T, P, A) [mm]; ``None`` where there is none, and then ``status`` says why.
     cameras
-        ``None`` for the monocular baseline.
+        Cameras of the run; ``None`` for the monocular method.
     aligned
-        Tracks that the displacement was made of, on one clock, before any refinement; ``None`` where there are none.
+        Tracks that the displacement was made of, on one clock, shape (V, T, P, 2) [px], before any refinement; ``None``
+        where there are none.
     status
         Status of the cameras.
     """
@@ -108,7 +121,17 @@ class MethodRun:
 
 
 def prepare_field_test(folder: Path, plan: Preset, *, progress: Progress | None = None) -> FieldTest:
-    """The field test, made where it is not on disk yet, with its accelerometers' displacement."""
+    """The field test, made where it is not on disk yet, with its accelerometers' displacement [mm].
+
+    Parameters
+    ----------
+    folder
+        Folder of the field test.
+    plan
+        Settings of the field test.
+    progress
+        Called with the name of the step and the frames done.
+    """
     session = read_session(make_field_test(folder, plan, progress=progress))
     reference = None
     if session.sensor:
@@ -118,20 +141,20 @@ def prepare_field_test(folder: Path, plan: Preset, *, progress: Progress | None 
 
 
 def run_method(
-    test: FieldTest, method: Method, folder: Path, *, progress: Progress | None = None
+    test: FieldTest, method: ComparedMethod, folder: Path, *, progress: Progress | None = None
 ) -> tuple[MethodRun, list[Cost]]:
-    """Displacement by a method, and what its stages cost when they were run.
+    """Displacement [mm] by a method, and the costs of its stages when they were run.
 
     Parameters
     ----------
     test
         The field test.
     method
-        How to measure.
+        Method to measure with.
     folder
-        For all methods on this test; methods with the same cameras and tracker share what they can.
+        Folder of all methods on this test; methods with the same cameras and tracker share what they can.
     progress
-        Called with what is being done.
+        Called with the name of the step.
     """
     chosen = {"tracker": method.tracker, "cameras": method.cameras, "refinement": method.refinement}
     session = test.session.model_copy(update={"method": test.session.method.model_copy(update=chosen)})
@@ -151,7 +174,7 @@ def run_method(
     frames = f"{test.plan.frames} frames, {len(session.point)} points"
     with measure_cost("camera parameter estimation", f"{len(session.view)} frames") as of_cameras:
         cameras = measurement.cameras
-    # Now already, lest a run that is cut short while tracking forgets it.
+    # Written now already, so that a run that is cut short while tracking does not forget it.
     _keep_costs(place / "costs.json", [of_cameras], measurement.reused)
     with measure_cost("point tracking", frames, calls=len(session.view)) as of_tracking:
         _ = measurement.tracks
@@ -163,7 +186,13 @@ def run_method(
 
 
 def measure_geometry(run: MethodRun) -> list[Cost]:
-    """What triangulation and refinement of one point cost, the least of a few repetitions."""
+    """Costs of triangulation and refinement of one point, the least of a few repetitions.
+
+    Parameters
+    ----------
+    run
+        A run whose tracks, shape (V, T, P, 2) [px], and cameras are known.
+    """
     if run.aligned is None or run.cameras is None or run.cameras.rig is None or run.cameras.frame is None:
         return []
     rig, frame = run.cameras.rig, run.cameras.frame

@@ -1,4 +1,4 @@
-"""How the error of the displacement grows with what can go wrong on site, one parameter at a time."""
+"""Sensitivity study: the error of the displacement against one parameter of the site at a time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.studies.protocol.methods import OURS, WITHOUT_SGR, Method
+from vfm_sdm.studies.protocol.methods import WITH_SGR, WITHOUT_SGR, ComparedMethod
 from vfm_sdm.studies.protocol.runs import FieldTest, prepare_field_test, run_method
 from vfm_sdm.studies.synthetic.motion import Motion
 from vfm_sdm.studies.synthetic.plan import Preset, Recording
@@ -24,7 +24,7 @@ PARAMETERS: dict[str, dict[Size, tuple[float, ...]]] = {
     "compression [crf]": {"small": (20.0, 30.0), "full": (8.0, 20.0, 26.0, 32.0)},
     "baseline [m]": {"small": (1.0, 2.0), "full": (0.5, 1.0, 2.0, 6.0)},
 }
-"""Values beside those of `sensitivity_plan` as it is."""
+"""Values of each parameter beside that of the unchanged `sensitivity_plan`."""
 _UNCHANGED = {
     "amplitude [1]": 1.0,
     "defocus [px]": 0.0,
@@ -90,38 +90,40 @@ def sensitivity_plan() -> Preset:
 
 
 def run_sensitivity(folder: Path, *, size: Size, progress: Progress | None = None) -> list[SensitivityRow]:
-    """Errors with and without refinement at every value of every parameter.
+    """Errors [1, mm] with and without SGR at every value of every parameter.
 
     Parameters
     ----------
     folder
-        Where the field tests and runs go; what is there already is not done again.
+        Folder of the field tests and runs; what is there already is not done again.
     size
-        ``small`` for two further values a parameter, ``full`` for four.
+        ``small`` for two further values of each parameter, ``full`` for four.
     progress
-        Called with what is being done.
+        Called with the name of the step.
     """
     plan = sensitivity_plan()
-    rows = _measure("unchanged", plan, folder, progress)
-    found = [_as(row, name, _UNCHANGED[name]) for name in PARAMETERS for row in rows]
+    rows = _measure_errors("unchanged", plan, folder, progress)
+    found = [_relabel(row, name, _UNCHANGED[name]) for name in PARAMETERS for row in rows]
     for name, values in PARAMETERS.items():
         for value in values[size]:
-            rows = _measure(f"{name.split()[0]} {value:g}", _CHANGES[name](plan, value), folder, progress)
-            found += [_as(row, name, value) for row in rows]
+            rows = _measure_errors(f"{name.split()[0]} {value:g}", _CHANGES[name](plan, value), folder, progress)
+            found += [_relabel(row, name, value) for row in rows]
     return sorted(found, key=lambda row: (list(PARAMETERS).index(row.parameter), row.value))
 
 
-def _as(row: SensitivityRow, parameter: str, value: float) -> SensitivityRow:
+def _relabel(row: SensitivityRow, parameter: str, value: float) -> SensitivityRow:
     """The row as one of another parameter."""
     return replace(row, parameter=parameter, value=value)
 
 
-def _measure(name: str, plan: Preset, folder: Path, progress: Progress | None) -> list[SensitivityRow]:
+def _measure_errors(name: str, plan: Preset, folder: Path, progress: Progress | None) -> list[SensitivityRow]:
     place = folder / name.replace(" ", "_")
-    test = _with_known_cameras(prepare_field_test(place / "recording", replace(plan, name=name), progress=progress))
+    test = _give_cameras(prepare_field_test(place / "recording", replace(plan, name=name), progress=progress))
     rows = []
-    for method in (WITHOUT_SGR, OURS):
-        run, _ = run_method(test, Method(method.label, cameras="file", refinement=method.refinement), place / "run")
+    for method in (WITHOUT_SGR, WITH_SGR):
+        run, _ = run_method(
+            test, ComparedMethod(method.label, cameras="file", refinement=method.refinement), place / "run"
+        )
         for axis in ("vertical", "lateral"):
             scored = [] if run.displacement is None else test.against_truth(run.displacement).rows
             chosen = [row for row in scored if row.axis == axis]
@@ -131,35 +133,38 @@ def _measure(name: str, plan: Preset, folder: Path, progress: Progress | None) -
     return rows
 
 
-def _with_known_cameras(test: FieldTest) -> FieldTest:
-    """Places and clock of the second view given, so that only tracking and geometry are looked at."""
-    second = test.session.view[1].name
+def _give_cameras(test: FieldTest) -> FieldTest:
+    """The field test with places and clocks of the further views given, so that only tracking and geometry count."""
     start = [recording.start_s for recording in test.plan.recordings]
     views = tuple(
         view.model_copy(update={"time_offset_s": s - start[0], "time_offset_std_s": _CLOCK_STD_S})
         for view, s in zip(test.session.view, start, strict=True)
     )
-    camera = test.plan.site.cameras()[1]
-    places = {p.name: tuple(float(x) for x in camera.project(np.array(p.position))) for p in test.plan.points}
-    points = tuple(p.model_copy(update={"pixel_in": {second: places[p.name]}}) for p in test.session.point)
+    further = dict(zip(test.plan.views[1:], test.plan.site.cameras()[1:], strict=True))
+    places = {
+        p.name: {view: tuple(camera.project(np.array(p.position)).tolist()) for view, camera in further.items()}
+        for p in test.plan.points
+    }
+    points = tuple(p.model_copy(update={"pixel_in": places[p.name]}) for p in test.session.point)
     method = test.session.method.model_copy(update={"subset_px": _SUBSET_PX})
     return replace(test, session=test.session.model_copy(update={"view": views, "point": points, "method": method}))
 
 
-def _recorded(plan: Preset, **changes: float | int) -> Preset:
-    first, second = (replace(recording, **changes) for recording in plan.recordings)  # type: ignore[arg-type]
-    return replace(plan, recordings=(first, second))
+def _change_recordings(plan: Preset, **changes: float | int) -> Preset:
+    recordings = (replace(recording, **changes) for recording in plan.recordings)  # type: ignore[arg-type]
+    return replace(plan, recordings=tuple(recordings))
 
 
-def _with_baseline(plan: Preset, length_m: float) -> Preset:
-    x, y, z = (length_m / plan.baseline_m * np.asarray(plan.site.second_center)).tolist()
-    return replace(plan, site=replace(plan.site, second_center=(x, y, z)))
+def _change_baseline(plan: Preset, length_m: float) -> Preset:
+    second, *others = plan.site.further
+    x, y, z = (length_m / plan.baseline_m * np.asarray(second.center)).tolist()
+    return replace(plan, site=replace(plan.site, further=(replace(second, center=(x, y, z)), *others)))
 
 
 _CHANGES: dict[str, Callable[[Preset, float], Preset]] = {
     "amplitude [1]": lambda plan, value: replace(plan, motion=_ScaledMotion(plan.motion, value)),
-    "defocus [px]": lambda plan, value: _recorded(plan, defocus_px=value),
-    "noise [grey levels]": lambda plan, value: _recorded(plan, noise_std=value),
-    "compression [crf]": lambda plan, value: _recorded(plan, crf=int(value)),
-    "baseline [m]": _with_baseline,
+    "defocus [px]": lambda plan, value: _change_recordings(plan, defocus_px=value),
+    "noise [grey levels]": lambda plan, value: _change_recordings(plan, noise_std=value),
+    "compression [crf]": lambda plan, value: _change_recordings(plan, crf=int(value)),
+    "baseline [m]": _change_baseline,
 }

@@ -1,4 +1,4 @@
-"""Tables as the paper prints them, as CSV and as Markdown."""
+"""Tables as the paper prints them, and their files in CSV and Markdown."""
 
 import csv
 import io
@@ -23,7 +23,7 @@ METRICS = {
 """Columns of a comparison and the field of a `Score` behind each; the first three are the paper's."""
 
 _WHOLE = 0.95
-"""A score of fewer samples than this share of the field test's is named below the table."""
+"""Share of the field test's samples below which a score is named in a note."""
 
 Cell = str | float
 
@@ -39,20 +39,20 @@ class Case:
 
 @dataclass(frozen=True)
 class Table:
-    """A table with numbers as numbers.
+    """A table whose numbers are kept as numbers.
 
     Parameters
     ----------
     name
-        Of its files.
+        Name of its files.
     title
-        Above the Markdown.
+        Title above the Markdown.
     columns
-        Headings.
+        Headings of the columns.
     rows
-        Cells, as many as columns.
+        Cells of each row, as many as columns.
     notes
-        Below the Markdown.
+        Sentences below the Markdown.
     """
 
     name: str
@@ -71,18 +71,19 @@ def comparison_table(
     missing: Mapping[str, str] | None = None,
     notes: Sequence[str] = (),
 ) -> Table:
-    """One row a case and one column a metric and method, then mean and standard deviation over the cases.
+    """Table with one row for each case and one column for each metric and method, then mean and standard deviation.
 
     Parameters
     ----------
     name, title, notes
         See `Table`.
     scores
-        By method and case; an absent or undefined figure becomes NaN and is left out of mean and standard deviation.
+        Metrics by method and case; an absent or undefined one becomes NaN and is left out of mean and standard
+        deviation.
     cases
-        Rows.
+        Cases of the rows, in order.
     missing
-        Methods that could not run and why; they get a row of their own in the notes and empty columns.
+        Methods that could not run and why; each gets a note and empty columns.
     """
     missing = missing or {}
     methods = [*scores, *missing]
@@ -100,20 +101,20 @@ def comparison_table(
     rows.append(("mean", "", "", *(float(np.mean(column)) if column.size else np.nan for column in known)))
     # The paper's tables agree with the standard deviation of the rows themselves, divided by their number.
     rows.append(("std", "", "", *(float(np.std(column)) if column.size else np.nan for column in known)))
-    unable = [*_incomplete(scores), *(f"{method} could not run: {why}" for method, why in missing.items())]
+    unable = [*_note_incomplete(scores), *(f"{method} could not run: {why}" for method, why in missing.items())]
     return Table(name, title, tuple(columns), tuple(rows), (*notes, *unable))
 
 
-def _incomplete(scores: Mapping[str, Mapping[Case, Score]]) -> list[str]:
+def _note_incomplete(scores: Mapping[str, Mapping[Case, Score]]) -> list[str]:
     """Cases that were scored on clearly fewer samples than the field test has."""
     most: dict[str, int] = {}
-    for of_method in scores.values():
-        for case, score in of_method.items():
+    for by_case in scores.values():
+        for case, score in by_case.items():
             most[case.dataset] = max(most.get(case.dataset, 0), score.samples)
     return [
         f"{case.dataset}, {case.point}, {case.axis}: {method} on {score.samples} of {most[case.dataset]} samples only"
-        for method, of_method in scores.items()
-        for case, score in of_method.items()
+        for method, by_case in scores.items()
+        for case, score in by_case.items()
         if score.samples < _WHOLE * most[case.dataset]
     ]
 
@@ -121,17 +122,34 @@ def _incomplete(scores: Mapping[str, Mapping[Case, Score]]) -> list[str]:
 def write_table(folder: Path | str, table: Table) -> tuple[Path, Path]:
     """Writes ``name.csv`` (all digits) and ``name.md`` (three digits) and returns their paths.
 
+    Parameters
+    ----------
+    folder
+        Folder of the files.
+    table
+        Table to write.
+
     Raises
     ------
     OSError
         The folder cannot be written to.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> table = Table("means", "Means", ("method", "NRMSE"), (("with SGR", 0.15),))
+    >>> with TemporaryDirectory() as folder:
+    ...     csv_path, _ = write_table(folder, table)
+    ...     print(csv_path.read_text())
+    method,NRMSE
+    with SGR,0.15
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table.columns)
     writer.writerows([["" if _is_nan(cell) else cell for cell in row] for row in table.rows])
-    lines = [f"# {table.title}", "", _line(table.columns), _line(["---"] * len(table.columns))]
-    lines += [_line([_short(cell) for cell in row]) for row in table.rows]
+    lines = [f"# {table.title}", "", _format_row(table.columns), _format_row(["---"] * len(table.columns))]
+    lines += [_format_row([_format_cell(cell) for cell in row]) for row in table.rows]
     lines += ["", *(f"- {note}" for note in table.notes)] if table.notes else []
     paths = Path(folder) / f"{table.name}.csv", Path(folder) / f"{table.name}.md"
     for path, content in zip(paths, (text.getvalue(), "\n".join(lines) + "\n"), strict=True):
@@ -140,11 +158,11 @@ def write_table(folder: Path | str, table: Table) -> tuple[Path, Path]:
     return paths
 
 
-def _line(cells: Sequence[str]) -> str:
+def _format_row(cells: Sequence[str]) -> str:
     return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
 
 
-def _short(cell: Cell) -> str:
+def _format_cell(cell: Cell) -> str:
     if isinstance(cell, str):
         return cell
     return "-" if _is_nan(cell) else f"{cell:.3f}"

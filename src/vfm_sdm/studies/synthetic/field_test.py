@@ -1,18 +1,18 @@
-"""Synthetic field tests: a footbridge filmed by two cameras, written as a normal session folder with its truth."""
+"""Synthetic field tests: a footbridge filmed by two cameras or more, written as a session folder with its truth."""
 
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from vfm_sdm import __version__
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement
 from vfm_sdm.core.netcdf import read_displacement, write_dataset
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import ResultsError, SessionError
@@ -35,14 +35,14 @@ from vfm_sdm.stages.cameras.file import write_rig
 from vfm_sdm.studies.synthetic.film import film_view
 from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, build_footbridge
 from vfm_sdm.studies.synthetic.motion import ModalMotion, Mode
-from vfm_sdm.studies.synthetic.plan import Preset, Recording, SiteErrors, SitePoint
+from vfm_sdm.studies.synthetic.plan import Preset, Recording, SiteErrors, SitePoint, view_names
 from vfm_sdm.studies.synthetic.recording import write_video
 from vfm_sdm.studies.synthetic.scene import Scene
 from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
 __all__ = ["demo_plan", "make_demo", "make_field_test"]
 
-_VIEWS = ("left", "right")
+_VERSION = version("vfm-sdm")
 _SHORTEST_S = 0.5
 _SENSOR_WIDTH_MM = 6.17
 _SENSOR_MARGIN_S = 2.0
@@ -66,8 +66,9 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
     ----------
     folder
         New, empty, or of an earlier field test, which is replaced; videos that would be the same are kept, so that work
-        that was cut short goes on. Gets ``left.mp4``, ``right.mp4``, a CSV file for every accelerometer,
-        ``session.toml``, ``truth.nc``, the displacement dataset's layout, exact, and ``cameras_true.toml``.
+        that was cut short goes on. Gets a video for every view (``left.mp4``, ``right.mp4``), a CSV file for every
+        accelerometer, ``session.toml``, ``truth.nc``, the displacement dataset's layout, exact, and
+        ``cameras_true.toml``.
     plan
         What to film; the same plan gives the same bytes.
     progress
@@ -85,18 +86,18 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
     Values in the session are the true ones with errors of the size of their standard deviations. The displacement in
     ``truth.nc`` is along the true structural axes, relative to the rest, at the frames of the reference view.
     """
-    videos = [f"{name}.mp4" for name in _VIEWS]
+    videos = [f"{name}.mp4" for name in plan.views]
     target, films = _prepare(Path(folder), [*videos, *(f"{m.sensor.name}.csv" for m in plan.accelerometers)])
     try:
         for number, video in enumerate(videos):
-            if films[number] != _film_hash(plan, number):
+            if number >= len(films) or films[number] != _film_hash(plan, number):
                 (target / video).unlink(missing_ok=True)
         write_dataset(target / "truth.nc", _truth(plan))
         for number in range(len(plan.accelerometers)):
             _write_sensor(target, plan, number)
         # What a camera calibrated beforehand would be taken from.
-        cameras = Rig.from_world(_VIEWS, plan.site.cameras(), metric=True)
-        write_rig(target / "cameras_true.toml", replace(cameras, covariance=np.zeros(2 * [len(_VIEWS) * _PARAMETERS])))
+        cameras = Rig.from_world(plan.views, plan.site.cameras(), metric=True)
+        write_rig(target / "cameras_true.toml", replace(cameras, covariance=np.zeros(2 * [len(cameras) * _PARAMETERS])))
     except ResultsError:
         raise
     except OSError as error:
@@ -133,7 +134,7 @@ def demo_plan(*, seed: int = 2026, duration_s: float = 3.0, site: FootbridgeSite
     if not duration_s >= _SHORTEST_S:
         raise SessionError(f"duration_s: expected at least {_SHORTEST_S} s, got {duration_s}; make it longer")
     site = FootbridgeSite() if site is None else site
-    face = site.perpendicular_m
+    face, cameras = site.perpendicular_m, 1 + len(site.further)
     motion = ModalMotion(_DEMO_MODES, support_m=site.support_m, span_m=site.span_m)
     return Preset(
         name="synthetic footbridge",
@@ -149,7 +150,8 @@ def demo_plan(*, seed: int = 2026, duration_s: float = 3.0, site: FootbridgeSite
             SitePoint("abutment", (face - 0.1, 0.79, site.longitudinal_m - 0.5), static=True),
             SitePoint("abutment corner", (face - 0.1, 0.77, site.longitudinal_m - 1.1), static=True),
         ),
-        recordings=(_DEMO_RECORDING, _DEMO_RECORDING),
+        recordings=(_DEMO_RECORDING,) * cameras,
+        views=view_names(cameras),
         accelerometers=(),
         fps=_DEMO_FPS,
         duration_s=duration_s,
@@ -188,7 +190,7 @@ def _counted(
     for number, frame in enumerate(frames, start=view * plan.frames + 1):
         yield frame
         if progress is not None:
-            progress(f"filming {plan.name}", number, len(_VIEWS) * plan.frames)
+            progress(f"filming {plan.name}", number, len(plan.views) * plan.frames)
 
 
 def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
@@ -204,13 +206,13 @@ def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
     try:
         return folder, [str(film) for film in read_displacement(folder / "truth.nc").attrs["films"]]
     except (ResultsError, KeyError):  # absent, or of another kind: made anew
-        return folder, ["", ""]
+        return folder, []
 
 
 def _film_hash(plan: Preset, view: int) -> str:
     """What tells apart the videos of plans; dataclasses of plain values print in full."""
     shown = (plan.site, plan.motion, plan.recordings[view], plan.fps, plan.frames, plan.seed, dict(plan.encoder))
-    return hashlib.sha256(f"{__version__} {view} {shown!r}".encode()).hexdigest()
+    return hashlib.sha256(f"{_VERSION} {view} {shown!r}".encode()).hexdigest()
 
 
 def _write_sensor(folder: Path, plan: Preset, number: int) -> None:
@@ -236,78 +238,54 @@ def _truth(plan: Preset) -> xr.Dataset:
     moving = ~np.array([point.static for point in plan.points])
     displacement = plan.motion.displacement(time_s, rest) * moving[:, None]
     shape = displacement.shape
+    starts = [recording.start_s - plan.recordings[0].start_s for recording in plan.recordings]
+    further = {"view_offsets_s": starts} if len(starts) > 2 else {}
     return make_displacement(
         time_s - time_s[0],
         [point.name for point in plan.points],
         STRUCTURE_AXES,
-        displacement_mm=1e3 * displacement,
-        displacement_std_mm=np.zeros(shape),
-        scale_std=np.zeros(shape[1:]),
-        position_m=rest + displacement,
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.full(shape[:2], Status.OK),
+        DisplacementArrays(
+            displacement_mm=1e3 * displacement,
+            displacement_std_mm=np.zeros(shape),
+            scale_std=np.zeros(shape[1:]),
+            position_m=rest + displacement,
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.full(shape[:2], Status.OK),
+        ),
         attrs={
             "title": "exact displacement of a synthetic field test",
             "frame": "structure",
             "baseline_m": plan.baseline_m,
-            "second_view_offset_s": plan.recordings[1].start_s - plan.recordings[0].start_s,
+            "second_view_offset_s": starts[1],
             "sensor_offset_s": [m.sensor.clock_offset_s - plan.recordings[0].start_s for m in plan.accelerometers],
             "within_assumptions": int(plan.within_assumptions),
             "description": plan.description,
-            "films": [_film_hash(plan, view) for view in range(len(_VIEWS))],
+            "films": [_film_hash(plan, view) for view in range(len(plan.views))],
             "seed": plan.seed,
-            "vfm_sdm_version": __version__,
+            "vfm_sdm_version": _VERSION,
+            **further,
         },
     )
 
 
 def _session(plan: Preset, folder: Path) -> Session:
     """What an engineer would have noted: every value with an error of the size of its standard deviation."""
-    rng = np.random.default_rng([plan.seed, len(_VIEWS)])
-    errors, site, cameras = plan.errors, plan.site, plan.site.cameras()
+    rng = np.random.default_rng([plan.seed, len(plan.views)])
 
     def error(std: float) -> float:
         return std * float(np.clip(rng.standard_normal(), -2, 2))
 
-    def tape(exact: float, std: float) -> Measured:
-        return Measured(value=round(exact + error(std), 3), std=std)
-
-    ranged = next(point for point in plan.points if point.name == (plan.ranged or plan.points[0].name))
-    focal_mm = [
-        camera.focal_px * (1 + error(errors.lens_relative / 2)) * _SENSOR_WIDTH_MM / camera.image_size[0]
-        for camera in cameras
-    ]
+    views = _views(plan, error)
+    camera = plan.site.cameras()[0]
     return Session(
         name=plan.name,
-        view=tuple(
-            View(
-                name=name,
-                video=Path(f"{name}.mp4"),
-                lens=Lens(
-                    focal_mm=round(focal, 2), sensor_width_mm=_SENSOR_WIDTH_MM, relative_std=errors.lens_relative
-                ),
-            )
-            for name, focal in zip(_VIEWS, focal_mm, strict=True)
-        ),
-        site=Site(
-            baseline=tape(plan.baseline_m, errors.baseline_m),
-            perpendicular_distance=tape(site.perpendicular_m, errors.perpendicular_m),
-            longitudinal_distance=tape(site.longitudinal_m, errors.longitudinal_m),
-            reference_camera_level=Level(value_deg=round(error(errors.level_deg), 2), std_deg=errors.level_deg),
-            range=(
-                Range(
-                    point=ranged.name,
-                    value=round(float(np.linalg.norm(ranged.position)) + error(errors.range_m), 3),
-                    std=errors.range_m,
-                ),
-            ),
-            length=_lengths(plan, error),
-        ),
+        view=views,
+        site=_measured_site(plan, error),
         point=tuple(
             Point(
                 name=point.name,
-                view=_VIEWS[0],
-                pixel=tuple(float(x) for x in np.round(cameras[0].project(point.position), 3)),
+                view=plan.views[0],
+                pixel=tuple(float(x) for x in np.round(camera.project(point.position), 3)),
                 static=point.static,
             )
             for point in plan.points
@@ -323,6 +301,47 @@ def _session(plan: Preset, folder: Path) -> Session:
             synchronization=plan.synchronization,
         ),
         folder=folder,
+    )
+
+
+def _views(plan: Preset, error: Callable[[float], float]) -> tuple[View, ...]:
+    """The views with their lenses as they are printed on them."""
+    relative_std = plan.errors.lens_relative
+    lenses = [
+        camera.focal_px * (1 + error(relative_std / 2)) * _SENSOR_WIDTH_MM / camera.image_size[0]
+        for camera in plan.site.cameras()
+    ]
+    return tuple(
+        View(
+            name=name,
+            video=Path(f"{name}.mp4"),
+            lens=Lens(focal_mm=round(focal_mm, 2), sensor_width_mm=_SENSOR_WIDTH_MM, relative_std=relative_std),
+        )
+        for name, focal_mm in zip(plan.views, lenses, strict=True)
+    )
+
+
+def _measured_site(plan: Preset, error: Callable[[float], float]) -> Site:
+    """What tape, laser and spirit level say."""
+    errors, site = plan.errors, plan.site
+
+    def tape(exact: float, std: float) -> Measured:
+        return Measured(value=round(exact + error(std), 3), std=std)
+
+    ranged = next(point for point in plan.points if point.name == (plan.ranged or plan.points[0].name))
+    return Site(
+        baseline=tape(plan.baseline_m, errors.baseline_m),
+        perpendicular_distance=tape(site.perpendicular_m, errors.perpendicular_m),
+        longitudinal_distance=tape(site.longitudinal_m, errors.longitudinal_m),
+        reference_camera_level=Level(value_deg=round(error(errors.level_deg), 2), std_deg=errors.level_deg),
+        range=(
+            Range(
+                point=ranged.name,
+                value=round(float(np.linalg.norm(ranged.position)) + error(errors.range_m), 3),
+                std=errors.range_m,
+            ),
+        ),
+        length=_lengths(plan, error),
     )
 
 

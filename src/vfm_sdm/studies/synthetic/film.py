@@ -45,7 +45,7 @@ def film_view(plan: Preset, scene: Scene, view: int) -> tuple[Iterator[npt.NDArr
     scene
         Scene of the field test, `vfm_sdm.studies.synthetic.footbridge.build_footbridge`.
     view
-        0 for the reference view, 1 for the second.
+        0 for the reference view, 1 and more for the further ones.
 
     Returns
     -------

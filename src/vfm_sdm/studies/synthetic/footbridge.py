@@ -1,4 +1,4 @@
-"""A footbridge seen by two cameras: girder, deck edge and railings move; abutment, slope and trees do not.
+"""A footbridge seen by two cameras or more: girder, deck edge and railings move; abutment, slope and trees do not.
 
 All places are metres in the world frame of `vfm_sdm.studies.synthetic.scene`: (lateral, vertical, longitudinal) from
 the optical centre of the reference camera.
@@ -14,7 +14,7 @@ from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.studies.synthetic.scene import Face, Mark, Scene, Texture, coarsest_pixel
 
-__all__ = ["FootbridgeSite", "build_footbridge", "make_camera"]
+__all__ = ["FootbridgeSite", "Standpoint", "build_footbridge", "make_camera"]
 
 _PIXELS_PER_WAVELENGTH = 2.6
 """Shortest wavelength of a texture, in sizes of the coarsest pixel that sees it."""
@@ -31,8 +31,7 @@ def make_camera(
     *,
     focal_px: float,
     image_size: tuple[int, int],
-    pitch_rad: float = 0.0,
-    roll_rad: float = 0.0,
+    level_rad: tuple[float, float] = (0.0, 0.0),
     k1: float = 0.0,
 ) -> Camera:
     """A camera in the structural axes whose optical axis meets the longitudinal axis at a horizontal angle.
@@ -41,12 +40,14 @@ def make_camera(
     ----------
     center
         Optical centre, shape (3,) [m].
-    angle_rad, pitch_rad, roll_rad
+    angle_rad
         As in `vfm_sdm.geometry.structure_frame.structure_from_cam1` [rad].
     focal_px
         Focal length; the principal point is the image's centre [px].
     image_size
         Width and height [px].
+    level_rad
+        Pitch and roll [rad].
     k1
         First radial coefficient of the distortion [1].
 
@@ -63,9 +64,34 @@ def make_camera(
     """
     width, height = image_size
     K = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
-    R = structure_from_cam1(angle_rad, pitch_rad=pitch_rad, roll_rad=roll_rad).T
+    R = structure_from_cam1(angle_rad, pitch_rad=level_rad[0], roll_rad=level_rad[1]).T
     pose = np.column_stack([R, -R @ np.asarray(center, np.float64)])
     return Camera(K=K, image_size=image_size, distortion=np.array([k1, 0, 0, 0, 0]), cam_from_world=pose)
+
+
+@dataclass(frozen=True)
+class Standpoint:
+    """Where a camera beside the reference one stands, and its lens.
+
+    Parameters
+    ----------
+    center
+        Optical centre [m].
+    target_m
+        Longitudinal coordinate on the girder's face at which it looks [m].
+    focal_px
+        Focal length at an image width of 1280 px [px].
+    k1
+        First radial distortion coefficient [1].
+    level_deg
+        Pitch and roll [deg].
+    """
+
+    center: _Triple
+    target_m: float
+    focal_px: float
+    k1: float
+    level_deg: tuple[float, float] = (-0.7, 0.9)
 
 
 @dataclass(frozen=True)
@@ -77,18 +103,14 @@ class FootbridgeSite:
     perpendicular_m, longitudinal_m
         Distance from the reference camera to the girder's face, and along it to the centre of the reference view [m].
         The reference camera is level.
-    second_center
-        Optical centre of the second camera [m].
-    second_target_m
-        Longitudinal coordinate on the girder's face at which the second camera looks [m].
-    focal_px
-        Focal lengths at an image width of 1280 px [px].
-    k1
-        First radial distortion coefficients of the two lenses [1].
+    focal_px, k1
+        Focal length of the reference camera at an image width of 1280 px [px], and its first radial coefficient [1].
+    further
+        The cameras beside it.
     support_m, span_m
         Longitudinal coordinate of the first support, and distance to the second [m].
     image_size
-        Width and height of both views [px].
+        Width and height of all views [px].
     bays
         Plates in the span, a multiple of 4, so that the quarter points lie in the middle of a plate.
     bolted_middles
@@ -101,10 +123,9 @@ class FootbridgeSite:
 
     perpendicular_m: float = 7.0
     longitudinal_m: float = 4.5
-    second_center: _Triple = (2.0, -0.12, -3.2)
-    second_target_m: float = 4.4
-    focal_px: tuple[float, float] = (3200.0, 3150.0)
-    k1: tuple[float, float] = (-0.04, -0.03)
+    focal_px: float = 3200.0
+    k1: float = -0.04
+    further: tuple[Standpoint, ...] = (Standpoint((2.0, -0.12, -3.2), 4.4, focal_px=3150.0, k1=-0.03),)
     support_m: float = 0.0
     span_m: float = 12.4
     image_size: tuple[int, int] = (1280, 720)
@@ -114,30 +135,34 @@ class FootbridgeSite:
     valley: bool = False
 
     def __post_init__(self) -> None:
+        if not self.further:
+            raise DatasetError("further: expected at least one camera beside the reference, got none; add a Standpoint")
         if self.bays < 4 or self.bays % 4:
             raise DatasetError(f"bays: expected a positive multiple of 4, got {self.bays}; correct it")
 
-    def cameras(self) -> tuple[Camera, Camera]:
-        """The reference camera and the second one, in the structural axes."""
+    def cameras(self) -> tuple[Camera, ...]:
+        """The reference camera and the further ones, in the structural axes."""
         scale = self.image_size[0] / 1280
-        first = make_camera(
+        reference = make_camera(
             np.zeros(3),
             compute_view_angle(self.perpendicular_m, self.longitudinal_m),
-            focal_px=scale * self.focal_px[0],
+            focal_px=scale * self.focal_px,
             image_size=self.image_size,
-            k1=self.k1[0],
+            k1=self.k1,
         )
-        center = np.asarray(self.second_center)
-        second = make_camera(
+        return (reference, *(self._camera_at(place, scale) for place in self.further))
+
+    def _camera_at(self, place: Standpoint, scale: float) -> Camera:
+        center = np.asarray(place.center)
+        pitch, roll = np.deg2rad(place.level_deg)
+        return make_camera(
             center,
-            compute_view_angle(self.perpendicular_m - center[0], self.second_target_m - center[2]),
-            focal_px=scale * self.focal_px[1],
+            compute_view_angle(self.perpendicular_m - center[0], place.target_m - center[2]),
+            focal_px=scale * place.focal_px,
             image_size=self.image_size,
-            pitch_rad=np.deg2rad(-0.7),
-            roll_rad=np.deg2rad(0.9),
-            k1=self.k1[1],
+            level_rad=(pitch, roll),
+            k1=place.k1,
         )
-        return first, second
 
     def station(self, share: float) -> float:
         """Longitudinal coordinate of a cross-section [m].

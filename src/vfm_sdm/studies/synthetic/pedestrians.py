@@ -53,8 +53,10 @@ class Pedestrian:
     DatasetError
         The gait is unknown, or a number is out of its range.
 
-    Notes ----- Walking is a Fourier series in the phase of the steps; vertical amplitudes are the mean values of [1]_,
-    lateral ones those of H. Schulze, at half the pacing rate, both as listed in [2]_.
+    Notes
+    -----
+    Walking is a Fourier series in the phase of the steps; vertical amplitudes are the mean values of [1]_, lateral ones
+    those of H. Schulze, at half the pacing rate, both as listed in [2]_.
 
     Running and jumping are a half sine while there is contact, of height ``weight pi / (2 contact_ratio)``, so that the
     mean force is the weight [3]_. The lateral pulse is an assumption: a small share of the vertical one, to the other

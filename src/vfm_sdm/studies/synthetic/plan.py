@@ -13,7 +13,20 @@ from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
 from vfm_sdm.studies.synthetic.motion import Motion
 from vfm_sdm.studies.synthetic.sensors import Accelerometer
 
-__all__ = ["MountedAccelerometer", "Preset", "Recording", "SiteErrors", "SitePoint"]
+__all__ = ["MountedAccelerometer", "Preset", "Recording", "SiteErrors", "SitePoint", "view_names"]
+
+_NAMES = ("left", "right", "third", "fourth", "fifth", "sixth")
+
+
+def view_names(cameras: int) -> tuple[str, ...]:
+    """Names for so many views.
+
+    Examples
+    --------
+    >>> view_names(3)
+    ('left', 'right', 'third')
+    """
+    return (*_NAMES[:cameras], *(f"view {number + 1}" for number in range(len(_NAMES), cameras)))
 
 
 @dataclass(frozen=True)
@@ -141,15 +154,15 @@ class Preset:
     points
         Monitored points first.
     recordings
-        Of the reference view and the second view.
+        Of the reference view and the further ones, in the order of the site's cameras.
     accelerometers
         At the monitored points.
     fps
         Frames a second on each camera's own clock [Hz].
     duration_s
-        Of both videos [s].
+        Of all videos [s].
     still_s
-        Until when the structure is at rest in both videos, in seconds of the reference view [s].
+        Until when the structure is at rest in all videos, in seconds of the reference view [s].
     errors
         Of the measurements on site.
     seed
@@ -168,11 +181,14 @@ class Preset:
         Of the session [px].
     synchronization
         Of the session: ``motion``, or ``none`` for cameras that are known to start together.
+    views
+        Names of the views, which are those of their videos.
 
     Raises
     ------
     DatasetError
-        An accelerometer is at no point, or the structure moves before the still interval is over.
+        There is not one recording and one name a camera, an accelerometer is at no point, or the structure moves before
+        the still interval is over.
     """
 
     name: str
@@ -181,7 +197,7 @@ class Preset:
     site: FootbridgeSite
     motion: Motion
     points: tuple[SitePoint, ...]
-    recordings: tuple[Recording, Recording]
+    recordings: tuple[Recording, ...]
     accelerometers: tuple[MountedAccelerometer, ...]
     fps: int
     duration_s: float
@@ -195,8 +211,15 @@ class Preset:
     subset_px: int = 61
     synchronization: Literal["motion", "none"] = "motion"
     encoder: Mapping[str, str] = field(default_factory=lambda: {"preset": "superfast", "threads": "2"})
+    views: tuple[str, ...] = ("left", "right")
 
     def __post_init__(self) -> None:
+        cameras = 1 + len(self.site.further)
+        if not len(self.recordings) == len(self.views) == cameras:
+            raise DatasetError(
+                f"recordings, views: expected one of each for {cameras} cameras, got {len(self.recordings)} and "
+                f"{list(self.views)}; name and record every view once"
+            )
         names = [point.name for point in self.points]
         unknown = [mounted.point for mounted in self.accelerometers if mounted.point not in names]
         if unknown:
@@ -209,8 +232,8 @@ class Preset:
 
     @property
     def baseline_m(self) -> float:
-        """Distance between both optical centres [m]."""
-        return float(np.linalg.norm(self.site.second_center))
+        """Distance between the optical centres of the first two cameras [m]."""
+        return float(np.linalg.norm(self.site.further[0].center))
 
     @property
     def frames(self) -> int:

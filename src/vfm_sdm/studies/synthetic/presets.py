@@ -14,7 +14,7 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.studies.synthetic.amplitudes import PeakToPeak, scale_to_amplitudes
 from vfm_sdm.studies.synthetic.defects import Glare, Stabilization
 from vfm_sdm.studies.synthetic.excitation import BendingMode, ForcedMotion
-from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
+from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, Standpoint
 from vfm_sdm.studies.synthetic.pedestrians import Pedestrian
 from vfm_sdm.studies.synthetic.plan import MountedAccelerometer, Preset, Recording, SiteErrors, SitePoint
 from vfm_sdm.studies.synthetic.sensors import Accelerometer
@@ -117,7 +117,7 @@ def preset(name: PresetName, size: Size = "full") -> Preset:
         site=site,
         motion=_make_motion(sequence, site, duration_s),
         points=points,
-        recordings=tuple(_scale_recording(recording, width / _FULL_WIDTH) for recording in sequence.recordings),  # type: ignore[arg-type]
+        recordings=tuple(_scale_recording(recording, width / _FULL_WIDTH) for recording in sequence.recordings),
         accelerometers=sensors,
         fps=fps,
         duration_s=duration_s,
@@ -134,14 +134,14 @@ def preset(name: PresetName, size: Size = "full") -> Preset:
 
 def _make_site(sequence: _Sequence, width: int) -> FootbridgeSite:
     direction = np.asarray(sequence.direction)
-    center = sequence.baseline_m * direction / np.linalg.norm(direction)
+    x, y, z = (sequence.baseline_m * direction / np.linalg.norm(direction)).tolist()
+    first, second = (1280 * widths for widths in sequence.focal_widths)
     return FootbridgeSite(
         perpendicular_m=sequence.perpendicular_m,
         longitudinal_m=sequence.longitudinal_m,
-        second_center=(float(center[0]), float(center[1]), float(center[2])),
-        second_target_m=sequence.second_target_m,
-        focal_px=(1280 * sequence.focal_widths[0], 1280 * sequence.focal_widths[1]),
-        k1=(-0.05, 0.04),
+        focal_px=first,
+        k1=-0.05,
+        further=(Standpoint((x, y, z), sequence.second_target_m, focal_px=second, k1=0.04),),
         support_m=sequence.support_m,
         span_m=_SPAN_M,
         image_size=(width, width * 9 // 16),

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filte
 from vfm_sdm.core.arrays import BoolArray, FloatArray, as_float_array
 from vfm_sdm.errors import CameraError, DatasetError
 from vfm_sdm.geometry.camera import Camera
-from vfm_sdm.studies.synthetic.raycast import (
+from vfm_sdm.studies.synthetic.cast_arrays import (
     EDGE_PX,
     MIXED,
     MIXED_FRONT,
@@ -21,11 +21,9 @@ from vfm_sdm.studies.synthetic.raycast import (
     TABLE_STEP_M,
     TILE,
     CastArrays,
-    mark_tiles,
-    move_pixels,
-    render_pixels,
-    smooth_edges,
 )
+from vfm_sdm.studies.synthetic.edges import smooth_edges
+from vfm_sdm.studies.synthetic.raycast import mark_tiles, move_pixels, render_pixels
 from vfm_sdm.studies.synthetic.scene import GUARD, Face, Scene
 
 __all__ = ["Displacement", "Renderer"]
@@ -90,9 +88,9 @@ class Renderer:
         self._arrays = self._arrays._replace(candidates=self._candidates())
         height, width = camera.image_size[::-1]
         luma, face = np.empty((height, width), np.float32), np.empty((height, width), np.int16)
-        at_rest, arrays = self._stations.values(None), self._arrays.plain()
-        render_pixels(arrays, at_rest, luma, face)
-        smooth_edges(arrays, at_rest, np.ones((height, width), np.bool_), luma, face, (0, height))
+        arrays = self._arrays.plain(self._stations.values(None))
+        render_pixels(arrays, luma, face)
+        smooth_edges(arrays, np.ones((height, width), np.bool_), luma, face, (0, height))
         for array in (luma, face):
             array.flags.writeable = False
         self.luma_at_rest, self.face_at_rest = luma, face
@@ -154,13 +152,13 @@ class Renderer:
         kept = {row: luma[row].copy() for row in (*range(around[0], first), *range(last, around[1]))}
         face, edges = self._face, self._edges
         face[around[0] : around[1]] = self.face_at_rest[around[0] : around[1]]
-        arrays, tables = self._arrays.plain(), self._stations.in_face_axes(values)
+        arrays = self._arrays.plain(self._stations.in_face_axes(values))
         reached, alone, front = self._plan
         plan = (reached, alone, self._tiles.shifts(values, self._stations, around), self._moving, front)
         # Small chunks of rows, because most of the work is in some of them.
         with parallel_chunksize(_CHUNK_ROWS):
-            move_pixels(arrays, tables, plan, luma, face, edges, around)
-            smooth_edges(arrays, tables, edges, luma, face, (first, last))
+            move_pixels(arrays, plan, luma, face, edges, around)
+            smooth_edges(arrays, edges, luma, face, (first, last))
         for row, before in kept.items():
             luma[row] = before
         return luma
@@ -179,7 +177,7 @@ class Renderer:
         """Faces that each tile may show, also when displaced, shape (tiles_v, tiles_u, most); padded with -1."""
         width, height = self.camera.image_size
         marks = np.zeros((len(self.scene.faces), -(-height // TILE), -(-width // TILE)), np.bool_)
-        mark_tiles(self._arrays.plain(), self._stations.values(None), marks)
+        mark_tiles(self._arrays.plain(self._stations.values(None)), marks)
         steps = 1 + (self._shift_px + EDGE_PX) // TILE
         near = np.stack([binary_dilation(mark, np.ones((3, 3), np.bool_), iterations=steps) for mark in marks])
         most = max(1, int(near.sum(axis=0).max()))

@@ -3,9 +3,10 @@ import json
 import numpy as np
 import pytest
 
-from vfm_sdm.analysis.evaluation import evaluate, write_evaluation
+from vfm_sdm.analysis.evaluation import ReferenceClock, evaluate, write_evaluation
 from vfm_sdm.analysis.evaluation.metrics import nrmse_range
-from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement, make_reference
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
+from vfm_sdm.core.sensor_datasets import ReferenceFacts, make_reference
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.signals.filters import band_pass
 
@@ -29,12 +30,14 @@ def measured(time_s=TIME, *, change=lambda values: values, std=0.05, scale_std=0
         time_s,
         POINTS,
         STRUCTURE_AXES,
-        displacement_mm=change(values),
-        displacement_std_mm=np.full(shape, std),
-        scale_std=np.full(shape[1:], scale_std),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int),
+        DisplacementArrays(
+            displacement_mm=change(values),
+            displacement_std_mm=np.full(shape, std),
+            scale_std=np.full(shape[1:], scale_std),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int),
+        ),
         attrs={"frame": "structure", **attrs},
     )
 
@@ -44,7 +47,7 @@ def sensors(lag_s=0.0, *, ratio=1.0, duration_s=20.0, band_hz=(1.0, 10.0), axes=
     stamps = np.arange(int(duration_s * 30)) / 30
     true = (stamps - lag_s) * ratio
     values = np.stack([[motion(true, p, STRUCTURE_AXES.index(a)) for a in axes] for p in range(2)]).transpose(2, 0, 1)
-    return make_reference(stamps, ("s1", "s2"), axes, values + offset, sampling_rate_hz=30, onset_s=0, band_hz=band_hz)
+    return make_reference(stamps, ("s1", "s2"), axes, values + offset, facts=ReferenceFacts(30, 0, band_hz))
 
 
 PAIRS = {"mid": "s1", "quarter": "s2"}
@@ -99,11 +102,11 @@ def test_a_sensor_is_aligned_by_itself():
 
 def test_a_known_lag_is_taken_as_it_is():
     reference = sensors(lag_s=0.8)
-    right = evaluate(measured(), reference, pairs=PAIRS, synchronize=False, start_lag_s=0.8)
+    right = evaluate(measured(), reference, pairs=PAIRS, clock=ReferenceClock(synchronize=False, start_lag_s=0.8))
     assert right.synchronization is None
     assert right.row("mid", "lateral").score.nrmse_range < 0.002
     # The reference happens 6 ms too late then, so the estimate happens 6 ms too early.
-    wrong = evaluate(measured(), reference, pairs=PAIRS, synchronize=False, start_lag_s=0.794)
+    wrong = evaluate(measured(), reference, pairs=PAIRS, clock=ReferenceClock(synchronize=False, start_lag_s=0.794))
     assert wrong.row("mid", "lateral").score.lag_s == pytest.approx(-6e-3, abs=2e-4)
     assert wrong.row("mid", "lateral").score.nrmse_range > 0.01
 
@@ -118,7 +121,7 @@ def test_a_drifting_clock_is_followed():
 
 def test_displacement_with_another_clock_can_be_aligned():
     late = measured().assign_coords(time=("time", TIME + 0.4, {"units": "s"}))
-    result = evaluate(late, measured(), synchronize=True)
+    result = evaluate(late, measured(), clock=ReferenceClock(synchronize=True))
     assert result.synchronization.lag_s == pytest.approx(-0.4, abs=5e-4)
     assert not result.rows[0].score.offset_removed
     # Unless told so, clocks of displacement are one.
@@ -184,7 +187,7 @@ def test_without_a_lag_there_is_no_figure(tmp_path):
     rng = np.random.default_rng(2)
     reference = sensors()
     reference["displacement"].values[:] = rng.standard_normal(reference["displacement"].shape)
-    result = evaluate(measured(), reference, pairs=PAIRS, search_s=1.0)
+    result = evaluate(measured(), reference, pairs=PAIRS, clock=ReferenceClock(search_s=1.0))
     assert result.notes == (
         f"lag of the reference unknown: {result.synchronization.status}; widen or narrow the search, or state the lag",
     )

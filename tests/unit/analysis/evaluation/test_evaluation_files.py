@@ -2,8 +2,16 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from vfm_sdm.analysis.evaluation import evaluate_run, join_sensors, read_comparison, read_sensors, write_reference
-from vfm_sdm.core.datasets import make_acceleration, make_displacement
+from vfm_sdm.analysis.evaluation import (
+    ReferenceClock,
+    evaluate_run,
+    join_sensors,
+    read_comparison,
+    read_sensors,
+    write_reference,
+)
+from vfm_sdm.core.datasets import DisplacementArrays, make_displacement
+from vfm_sdm.core.sensor_datasets import make_acceleration
 from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
 from vfm_sdm.inputs.sensors.sensor_csv import read_acceleration
@@ -45,12 +53,14 @@ def run(tmp_path):
         TIME,
         ["mid", "quarter", "abutment"],
         AXES,
-        displacement_mm=values,
-        displacement_std_mm=np.full(shape, 0.01),
-        scale_std=np.zeros(shape[1:]),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int),
+        DisplacementArrays(
+            displacement_mm=values,
+            displacement_std_mm=np.full(shape, 0.01),
+            scale_std=np.zeros(shape[1:]),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int),
+        ),
         attrs={"frame": "structure"},
     )
     write_displacement(tmp_path / "run", displacement)
@@ -162,7 +172,7 @@ def test_the_session_says_where_sensors_sit_and_what_does_not_move(run):
     assert result.reference_name == "sensors a, b"
     assert result.synchronization.lag_s == pytest.approx(1.5, abs=2e-3)
     assert all(row.score.skill > 0.99 for row in result.rows)
-    crossed = evaluate_run(run, path, pairs={"mid": "b"}, start_lag_s=1.5, synchronize=False)
+    crossed = evaluate_run(run, path, pairs={"mid": "b"}, clock=ReferenceClock(start_lag_s=1.5, synchronize=False))
     assert crossed.row("mid", "vertical").score.skill < 0.8
     own = evaluate_run(run, run / "displacement.nc")
     assert paired(own) == ["mid", "quarter"]

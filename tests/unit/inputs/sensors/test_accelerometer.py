@@ -7,7 +7,7 @@ import scipy.interpolate
 import scipy.signal
 import scipy.stats
 
-from vfm_sdm.core.datasets import make_acceleration
+from vfm_sdm.core.sensor_datasets import make_acceleration
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.sensors.accelerometer import (
     RecipeSettings,

@@ -1,3 +1,4 @@
+import glob
 import re
 import tomllib
 from datetime import UTC, datetime
@@ -142,7 +143,7 @@ def test_patterns_take_wildcards_in_the_folders_name_literally(tmp_path):
     folder.mkdir()
     make_files(folder)
     session = read_session(write_design(folder))
-    assert session.resolve_pattern("right/*.jpg") == str(tmp_path / "bridge [[]2026]" / "right/*.jpg")
+    assert session.resolve_pattern("right/*.jpg") == f"{glob.escape(str(tmp_path))}/bridge [[]2026]/right/*.jpg"
 
 
 def test_level_angles_fall_back_to_the_common_value():

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement, make_tracks
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement, make_tracks
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.outputs.plots import file_stem, plot_displacement, plot_points, plot_trajectory, save_figures
 
@@ -26,12 +26,14 @@ def make_example(frames=100):
         time_s,
         POINTS,
         STRUCTURE_AXES,
-        displacement_mm=values,
-        displacement_std_mm=np.full(shape, 0.25),
-        scale_std=np.full((2, 3), 0.02),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=status,
+        DisplacementArrays(
+            displacement_mm=values,
+            displacement_std_mm=np.full(shape, 0.25),
+            scale_std=np.full((2, 3), 0.02),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=status,
+        ),
         attrs={"frame": "structure"},
     )
 

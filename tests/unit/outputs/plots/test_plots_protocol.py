@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement, make_tracks
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement, make_tracks
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
@@ -55,12 +55,14 @@ def make_motion(scale=1.0):
         TIME,
         POINTS,
         STRUCTURE_AXES,
-        displacement_mm=values,
-        displacement_std_mm=np.full(values.shape, 0.25),
-        scale_std=np.full((2, 3), 0.02),
-        position_m=np.zeros(values.shape),
-        reprojection_error_px=np.zeros(status.shape),
-        status=status,
+        DisplacementArrays(
+            displacement_mm=values,
+            displacement_std_mm=np.full(values.shape, 0.25),
+            scale_std=np.full((2, 3), 0.02),
+            position_m=np.zeros(values.shape),
+            reprojection_error_px=np.zeros(status.shape),
+            status=status,
+        ),
         attrs={"frame": "structure"},
     )
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from uff import read_uff
-from vfm_sdm.core.datasets import STATUS_MEANINGS, STRUCTURE_AXES, make_displacement, make_tracks
+from vfm_sdm.core.datasets import STATUS_MEANINGS, STRUCTURE_AXES, DisplacementArrays, make_displacement, make_tracks
 from vfm_sdm.core.netcdf import read_displacement, read_points, read_tracks, write_tracks
 from vfm_sdm.errors import DatasetError, ResultsError
 from vfm_sdm.outputs.results import (
@@ -41,12 +41,14 @@ def make_example(frames: int = 30, *, fps: float = 60.0, seed: int = 0) -> xr.Da
         np.arange(frames) / fps,
         POINTS,
         STRUCTURE_AXES,
-        displacement_mm=displacement,
-        displacement_std_mm=rng.uniform(0.1, 0.2, shape),
-        scale_std=rng.uniform(0.01, 0.02, shape[1:]),
-        position_m=rng.normal(size=shape),
-        reprojection_error_px=rng.uniform(size=shape[:2]),
-        status=status,
+        DisplacementArrays(
+            displacement_mm=displacement,
+            displacement_std_mm=rng.uniform(0.1, 0.2, shape),
+            scale_std=rng.uniform(0.01, 0.02, shape[1:]),
+            position_m=rng.normal(size=shape),
+            reprojection_error_px=rng.uniform(size=shape[:2]),
+            status=status,
+        ),
         attrs={"frame": "structure", "baseline_m": 4.0},
     )
 
@@ -381,12 +383,14 @@ def make_known(values: np.ndarray, *, fps: float = 50.0, std: float = 0.1, scale
         np.arange(values.size) / fps,
         ["mid"],
         STRUCTURE_AXES,
-        displacement_mm=displacement,
-        displacement_std_mm=np.full(shape, std),
-        scale_std=np.full((1, 3), scale_std),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2]),
+        DisplacementArrays(
+            displacement_mm=displacement,
+            displacement_std_mm=np.full(shape, std),
+            scale_std=np.full((1, 3), scale_std),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2]),
+        ),
         attrs={},
     )
 

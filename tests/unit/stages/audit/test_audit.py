@@ -15,7 +15,7 @@ from vfm_sdm.commands.tables import audit_report
 from vfm_sdm.core.statuses import CameraStatus, Outcome, Verdict
 from vfm_sdm.outputs.plots import plot_audit
 from vfm_sdm.stages.audit import Audit, AuditCheck
-from vfm_sdm.stages.audit.model import judge
+from vfm_sdm.stages.audit.model import Limits, judge
 
 NEVER_REFUSED = 0.02
 FOUND = 0.95
@@ -206,7 +206,7 @@ def test_the_verdict_is_that_of_the_worst_check():
 )
 def test_a_figure_is_judged_by_its_limits(figure, outcome):
     found = {"smaller": figure / 2, "largest": figure, "unknown": np.nan}
-    check = judge("x", found, caution=0.1, fail=0.3, units="1", good="good", bad="'{}' is bad")
+    check = judge("x", found, Limits(0.1, 0.3, "1"), good="good", bad="'{}' is bad")
     assert check.outcome == outcome
     assert check.sentence == {"pass": "good", "not possible": "nothing to look at"}.get(outcome, "'largest' is bad")
     if outcome != Outcome.NOT_POSSIBLE and figure > 0:

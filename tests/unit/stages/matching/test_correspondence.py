@@ -11,6 +11,7 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.stages.matching.correspondence import Surface, find_correspondences
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.pyramid import ViewPair
 
 SIZE = (420, 320)
 DEPTH = 10.0
@@ -68,7 +69,7 @@ def matches_around(count=40, seed=0, wrong=0):
     "matches", [NO_MATCHES, matches_around(), matches_around(wrong=8)], ids=["none", "some", "wrong"]
 )
 def test_found_to_sub_pixel_at_thirty_degrees(images, matches):
-    found = find_correspondences(images, POINTS, rig(), matches=matches)
+    found = find_correspondences(ViewPair(images, rig(), matches), POINTS)
     assert found.status == (PointStatus.OK,) * 3
     np.testing.assert_allclose(found.points2d, true_position(), atol=ATOL_PX)
     assert (found.return_error < 0.05).all()
@@ -78,7 +79,7 @@ def test_found_to_sub_pixel_at_thirty_degrees(images, matches):
 def test_an_approximate_rig_is_enough(images):
     step = np.zeros(20)
     step[10:] = [0.03, 0, 0, 0, 0.002, 0.01, 0.002, 0.05, 0.02, 0.05]
-    found = find_correspondences(images, POINTS, rig().perturbed(step), matches=matches_around())
+    found = find_correspondences(ViewPair(images, rig().perturbed(step), matches_around()), POINTS)
     np.testing.assert_allclose(found.points2d, true_position(), atol=ATOL_PX)
 
 
@@ -87,7 +88,7 @@ def test_a_repeated_pattern_is_ambiguous_not_a_guess():
         return 128 + 60 * np.cos(2 * np.pi * x / 14) * np.cos(2 * np.pi * _y / 14)
 
     images = tuple(view(camera, stripes) for camera in rig().cameras)
-    found = find_correspondences(images, POINTS, rig(), matches=NO_MATCHES)
+    found = find_correspondences(ViewPair(images, rig(), NO_MATCHES), POINTS)
     assert set(found.status) == {PointStatus.AMBIGUOUS}
     assert np.isnan(found.points2d).all()
 
@@ -98,27 +99,27 @@ def test_a_position_given_by_hand_decides_between_look_alikes():
 
     images = tuple(view(camera, stripes) for camera in rig().cameras)
     given = dict(enumerate(true_position() + 1.0))
-    found = find_correspondences(images, POINTS, rig(), matches=NO_MATCHES, given=given)
+    found = find_correspondences(ViewPair(images, rig(), NO_MATCHES), POINTS, given=given)
     assert found.status == (PointStatus.OK,) * 3
     np.testing.assert_allclose(found.points2d, true_position(), atol=ATOL_PX)
 
 
 def test_what_the_other_view_does_not_show_is_not_found(images):
     other = view(rig().cameras[1], WaveTexture(99))
-    found = find_correspondences((images[0], other), POINTS, rig(), matches=NO_MATCHES)
+    found = find_correspondences(ViewPair((images[0], other), rig(), NO_MATCHES), POINTS)
     assert set(found.status) <= {PointStatus.NOT_FOUND, PointStatus.AMBIGUOUS}
     assert np.isnan(found.points2d).all()
 
 
 def test_nothing_asked_nothing_found(images):
-    found = find_correspondences(images, np.empty((0, 2)), rig(), matches=NO_MATCHES)
+    found = find_correspondences(ViewPair(images, rig(), NO_MATCHES), np.empty((0, 2)))
     assert found.points2d.shape == (0, 2)
     assert found.status == ()
 
 
 def test_points_outside_the_first_image_are_refused(images):
     with pytest.raises(DatasetError, match="expected pixels inside 420 x 320"):
-        find_correspondences(images, np.array([[500.0, 10.0]]), rig(), matches=NO_MATCHES)
+        find_correspondences(ViewPair(images, rig(), NO_MATCHES), np.array([[500.0, 10.0]]))
 
 
 def test_smaller_squares_find_what_a_stiffener_hides_in_part(images, monkeypatch):
@@ -128,12 +129,12 @@ def test_smaller_squares_find_what_a_stiffener_hides_in_part(images, monkeypatch
     # From 13 px beside the point on, the second view sees something else.
     edge = round(place[0]) + 13
     right[:, edge : edge + 60] = stiffener[:, edge : edge + 60]
-    found = find_correspondences((left, right), POINTS[1:2], rig(), matches=NO_MATCHES, subset_px=61)
+    found = find_correspondences(ViewPair((left, right), rig(), NO_MATCHES), POINTS[1:2], subset_px=61)
     assert found.status == (PointStatus.OK,)
     assert found.correlation[0] > 0.9
     np.testing.assert_allclose(found.points2d[0], place, atol=ATOL_PX)
     monkeypatch.setattr("vfm_sdm.stages.matching.correspondence._SIZES_PX", (61,))
-    whole = find_correspondences((left, right), POINTS[1:2], rig(), matches=NO_MATCHES, subset_px=61)
+    whole = find_correspondences(ViewPair((left, right), rig(), NO_MATCHES), POINTS[1:2], subset_px=61)
     assert whole.status != (PointStatus.OK,) or np.abs(whole.points2d[0] - place).max() > 2 * ATOL_PX
 
 
@@ -155,21 +156,21 @@ def test_a_known_surface_finds_what_a_dark_view_out_of_focus_shows_between_stiff
     for edge in (round(place[0]) - 41, round(place[0]) + 15):
         right[:, edge : edge + 26] = stiffener[:, edge : edge + 26]
     right = dark_and_out_of_focus(right)
-    asked = {"matches": NO_MATCHES, "subset_px": 61}
-    alone = find_correspondences((images[0], right), POINTS[1:2], rig(), **asked)
+    views = ViewPair((images[0], right), rig(), NO_MATCHES)
+    alone = find_correspondences(views, POINTS[1:2], subset_px=61)
     assert alone.status != (PointStatus.OK,)
-    found = find_correspondences((images[0], right), POINTS[1:2], rig(), surface=surface(), **asked)
+    found = find_correspondences(views, POINTS[1:2], subset_px=61, surface=surface())
     assert found.status == (PointStatus.OK,)
     np.testing.assert_allclose(found.points2d[0], place, atol=0.5)
 
 
 def test_nothing_is_found_on_a_surface_that_is_elsewhere(images):
-    found = find_correspondences(images, POINTS, rig(), matches=NO_MATCHES, surface=surface(offset=2.0, std=0.1))
+    found = find_correspondences(ViewPair(images, rig(), NO_MATCHES), POINTS, surface=surface(offset=2.0, std=0.1))
     assert found.status == (PointStatus.NOT_FOUND,) * 3
     assert np.isnan(found.points2d).all()
 
 
 def test_a_surface_alone_does_not_make_up_a_place(images):
     other = view(rig().cameras[1], WaveTexture(99))
-    found = find_correspondences((images[0], other), POINTS, rig(), matches=NO_MATCHES, surface=surface())
+    found = find_correspondences(ViewPair((images[0], other), rig(), NO_MATCHES), POINTS, surface=surface())
     assert found.status == (PointStatus.NOT_FOUND,) * 3

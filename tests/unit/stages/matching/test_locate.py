@@ -60,8 +60,8 @@ def asked(monkeypatch):
     """Records what is searched for, and answers every search with the same place."""
     calls = []
 
-    def find(images, points2d, rig, *, matches, subset_px, given, surface):
-        calls.append((points2d, matches, surface))
+    def find(views, points2d, *, subset_px, given, surface):
+        calls.append((points2d, views.matches, surface))
         shape = len(points2d), 2
         return Correspondence(
             np.full(shape, 123.0), np.zeros((*shape, 2)), np.ones(1), np.zeros(1), (PointStatus.OK,) * shape[0]

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from moving_frames import NOISE, NaturalTexture, digitize, grid_points
 from textures import WaveTexture
 from vfm_sdm.errors import DatasetError, SessionError
-from vfm_sdm.stages.registration.subsets import SubsetBank, register_subset
+from vfm_sdm.stages.registration.subsets import Starts, SubsetBank, register_subset
 
 SIZE = 256
 POINTS = grid_points(SIZE, 33, 45)
@@ -55,7 +55,7 @@ def test_reaches_the_cramer_rao_bound_and_states_it(cutoff, exponent, contrast):
     for shift in np.arange(0, 0.51, 0.05):
         reference = digitize(texture.image(), rng, NOISE)
         current = digitize(texture.image((shift, -shift)), rng, NOISE)
-        registration = register_subset(reference, current, points, points)
+        registration = register_subset(reference, current, points, Starts(points))
         assert registration.converged.all()
         errors.append(registration.position - points - [shift, -shift])
         variances.append(np.einsum("pkk->pk", registration.covariance))
@@ -73,7 +73,7 @@ def test_stated_deviation_does_not_depend_on_the_fraction_of_a_pixel(texture):
     rng = np.random.default_rng(9)
     reference = digitize(texture.image(), rng, NOISE)
     stated = [
-        std_of(register_subset(reference, digitize(texture.image((s, s)), rng, NOISE), POINTS, POINTS)).mean()
+        std_of(register_subset(reference, digitize(texture.image((s, s)), rng, NOISE), POINTS, Starts(POINTS))).mean()
         for s in (0.0, 0.25, 0.5)
     ]
     np.testing.assert_allclose(stated, stated[0], rtol=0.03)
@@ -87,7 +87,7 @@ def test_stated_correlation_of_errors_is_real():
     texture.spectrum *= 45 / np.fft.ifft2(texture.spectrum).real.std()
     points = grid_points(512, 42, 46)
     reference, current = digitize(texture.image(), rng, NOISE), digitize(texture.image((0.3, 0.1)), rng, NOISE)
-    registration = register_subset(reference, current, points, points)
+    registration = register_subset(reference, current, points, Starts(points))
     error = registration.position - points - [0.3, 0.1]
     whitened = np.linalg.solve(np.linalg.cholesky(registration.covariance), error[..., None])[..., 0]
     stated = registration.covariance[:, 0, 1] / np.prod(std_of(registration), axis=1)
@@ -99,9 +99,9 @@ def test_stated_correlation_of_errors_is_real():
 def test_gain_and_bias_change_nothing(texture, reference):
     """ZNSSD: the same frame, half as bright and lifted, or with other offsets in 16 bits."""
     moved = texture.image((0.37, -0.21))
-    plain = register_subset(reference, digitize(moved, dtype=np.uint16, scale=100), POINTS, POINTS)
-    dimmed = register_subset(reference, digitize(0.4 * moved + 90, dtype=np.uint16, scale=100), POINTS, POINTS)
-    lifted = register_subset(reference, digitize(moved + 400, dtype=np.uint16, scale=100), POINTS, POINTS)
+    plain = register_subset(reference, digitize(moved, dtype=np.uint16, scale=100), POINTS, Starts(POINTS))
+    dimmed = register_subset(reference, digitize(0.4 * moved + 90, dtype=np.uint16, scale=100), POINTS, Starts(POINTS))
+    lifted = register_subset(reference, digitize(moved + 400, dtype=np.uint16, scale=100), POINTS, Starts(POINTS))
     np.testing.assert_allclose(dimmed.position, plain.position, atol=1e-4)
     np.testing.assert_allclose(lifted.position, plain.position, atol=1e-4)
     assert plain.position - POINTS == pytest.approx(np.tile([0.37, -0.21], (len(POINTS), 1)), abs=0.004)
@@ -112,7 +112,7 @@ def test_faint_texture_in_bright_light_keeps_its_figures(texture):
     rng = np.random.default_rng(13)
     images = [texture.image(shift) + rng.normal(0, NOISE, (SIZE, SIZE)) for shift in ((0.0, 0.0), (0.37, -0.21))]
     dark, bright = (
-        register_subset(*(digitize(image + level, dtype=np.uint16) for image in images), POINTS, POINTS)
+        register_subset(*(digitize(image + level, dtype=np.uint16) for image in images), POINTS, Starts(POINTS))
         for level in (100, 60000)
     )
     np.testing.assert_allclose(bright.position, dark.position, atol=1e-4)
@@ -120,7 +120,7 @@ def test_faint_texture_in_bright_light_keeps_its_figures(texture):
 
 
 def test_inverted_contrast_is_not_a_match(reference):
-    registration = register_subset(reference, 255 - reference, POINTS, POINTS)
+    registration = register_subset(reference, 255 - reference, POINTS, Starts(POINTS))
     assert not registration.converged.any()
     assert np.isnan(registration.position).all()
 
@@ -153,7 +153,7 @@ def test_affine_deformation_is_found_with_its_position():
     points = center + np.array([[0.0, 0.0], [25.4, -31.7], [-40.45, 12.3], [33.5, 28.5]])
     truth = (points - center) @ AFFINE.T + center + shift
     start = np.tile(np.eye(2) + 0.6 * (AFFINE - np.eye(2)), (4, 1, 1))
-    registration = register_subset(reference, current, points, truth + 0.8, start)
+    registration = register_subset(reference, current, points, Starts(truth + 0.8, start))
     np.testing.assert_allclose(registration.position, truth, atol=0.002)
     np.testing.assert_allclose(registration.affine, np.tile(AFFINE, (4, 1, 1)), atol=2e-4)
     assert (registration.correlation > 0.9999).all()
@@ -172,7 +172,7 @@ def test_agrees_with_an_independent_program():
         template, (current / 256).astype(np.float32), warp, cv2.MOTION_AFFINE, criteria, None, 1
     )
     other = warp @ [half, half, 1]
-    registration = register_subset(reference, current, [point], [other + 0.5], AFFINE[None])
+    registration = register_subset(reference, current, [point], Starts([other + 0.5], AFFINE[None]))
     np.testing.assert_allclose(registration.position[0], other, atol=0.02)
     np.testing.assert_allclose(registration.affine[0], warp[:, :2], atol=0.003)
 
@@ -182,7 +182,7 @@ def test_small_and_large_deformations_join_without_a_step():
     for stretch in (0.006, 0.007, 0.0074, 0.0076, 0.008, 0.009):
         affine = np.eye(2) + np.array([[stretch, 0.0], [0.0, 0.0]])
         reference, current, center = affine_pair(9, affine, np.array([0.2, 0.3]), size=120)
-        registration = register_subset(reference, current, [center], [center])
+        registration = register_subset(reference, current, [center], Starts([center]))
         np.testing.assert_allclose(registration.position[0], center + np.array([0.2, 0.3]), atol=1e-3)
         np.testing.assert_allclose(registration.affine[0], affine, atol=5e-4)
         assert registration.correlation[0] > 0.9999  # the deformation is no residual, sampled or linearised
@@ -192,14 +192,14 @@ def test_named_points_between_the_pixels(texture, reference):
     """The offset to the nearest pixel is carried, not rounded: neighbours of one pixel move alike."""
     offsets = np.array([[0.0, 0.0], [0.49, 0.0], [-0.49, 0.31], [0.25, -0.5]])
     points = np.array([128.0, 120.0]) + offsets
-    registration = register_subset(reference, digitize(texture.image((2.3, 1.6))), points, points + 2)
+    registration = register_subset(reference, digitize(texture.image((2.3, 1.6))), points, Starts(points + 2))
     np.testing.assert_allclose(registration.position - points, np.tile([2.3, 1.6], (4, 1)), atol=0.005)
 
 
 @pytest.mark.parametrize("subset_px", [9, 21, 41, 61])
 def test_subset_sizes(texture, reference, subset_px):
     current = digitize(texture.image((0.4, 0.3)))
-    registration = register_subset(reference, current, POINTS, POINTS, subset_px=subset_px)
+    registration = register_subset(reference, current, POINTS, Starts(POINTS), subset_px=subset_px)
     error = registration.position - POINTS - [0.4, 0.3]
     assert registration.converged.mean() > 0.95
     assert np.sqrt(np.nanmean(error**2)) < 0.15 / subset_px
@@ -212,22 +212,22 @@ def test_layouts_of_memory_give_one_result(texture, reference):
     padded[:SIZE, :SIZE] = inset[9:, 32 : SIZE + 32] = current
     padded.flags.writeable = False
     rotated = np.rot90(np.ascontiguousarray(np.rot90(current)), -1)
-    expected = register_subset(reference, current, POINTS, POINTS).position
+    expected = register_subset(reference, current, POINTS, Starts(POINTS)).position
     parts = (padded[:SIZE, :SIZE], padded[:, :SIZE][:SIZE], inset[9:, 32 : SIZE + 32])
     for image in (*parts, rotated, np.asfortranarray(current)):
         assert not image.flags.c_contiguous
-        np.testing.assert_array_equal(register_subset(reference, image, POINTS, POINTS).position, expected)
+        np.testing.assert_array_equal(register_subset(reference, image, POINTS, Starts(POINTS)).position, expected)
 
 
 def test_points_do_not_influence_each_other(texture, reference):
     """Alone, together, in another order, with others that fail, in several threads."""
     points = np.concatenate([POINTS, [[3.0, 3.0]], POINTS[:5] + 0.5])
     current = digitize(texture.image((0.4, -0.3)))
-    together = register_subset(reference, current, points, points)
-    backwards = register_subset(reference, current, points[::-1], points[::-1])
+    together = register_subset(reference, current, points, Starts(points))
+    backwards = register_subset(reference, current, points[::-1], Starts(points[::-1]))
     np.testing.assert_allclose(together.position, backwards.position[::-1], rtol=0, atol=1e-9)
     for k in (0, 7, len(POINTS), len(POINTS) + 3):
-        alone = register_subset(reference, current, points[k : k + 1], points[k : k + 1])
+        alone = register_subset(reference, current, points[k : k + 1], Starts(points[k : k + 1]))
         np.testing.assert_allclose(alone.position[0], together.position[k], rtol=0, atol=1e-9)
         np.testing.assert_allclose(alone.covariance[0], together.covariance[k], rtol=1e-9)
 
@@ -235,7 +235,7 @@ def test_points_do_not_influence_each_other(texture, reference):
 def test_many_starts_for_one_point(texture, reference):
     current = digitize(texture.image((0.4, -0.3)))
     starts = POINTS[0] + np.array([[0.0, 0.0], [1.0, 1.0], [np.nan, 0.0], [70.0, 60.0]])
-    registration = register_subset(reference, current, np.tile(POINTS[0], (4, 1)), starts)
+    registration = register_subset(reference, current, np.tile(POINTS[0], (4, 1)), Starts(starts))
     np.testing.assert_allclose(registration.position[:2], np.tile(POINTS[0] + [0.4, -0.3], (2, 1)), atol=0.005)
     assert np.isnan(registration.position[2:]).all()
     assert not registration.outside.any()
@@ -262,16 +262,16 @@ def test_a_subset_that_touches_the_border_is_as_good_as_any(texture):
     points = np.column_stack([u.ravel(), v.ravel()])
     reference = digitize(texture.image((0.4, 0.3)), dtype=np.uint16, scale=200)
     current = digitize(texture.image(), dtype=np.uint16, scale=200)
-    registration = register_subset(reference, current, points + 0.4, points)
+    registration = register_subset(reference, current, points + 0.4, Starts(points))
     np.testing.assert_allclose(registration.position, points + np.array([0.0, 0.1]), atol=0.004)
 
 
 def test_images_of_other_size(reference):
     """Two views need not have one size; nor be larger than a subset."""
     cut = np.ascontiguousarray(reference[30:200, 20:230])
-    registration = register_subset(reference, cut, [[120.0, 110.0]], [[100.3, 80.2]])
+    registration = register_subset(reference, cut, [[120.0, 110.0]], Starts([[100.3, 80.2]]))
     np.testing.assert_allclose(registration.position, [[100.0, 80.0]], atol=1e-4)
-    tiny = register_subset(reference, reference[:30, :30].copy(), [[120.0, 110.0]], [[15.0, 15.0]])
+    tiny = register_subset(reference, reference[:30, :30].copy(), [[120.0, 110.0]], Starts([[15.0, 15.0]]))
     assert tiny.outside.all()
 
 
@@ -294,19 +294,21 @@ def test_gradients_of_mere_noise_get_no_covariance():
     noise = [digitize(np.full((120, 120), 127.0), rng, 8.0) for _ in range(2)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        registration = register_subset(noise[0], noise[1], [[60.0, 60.0]], [[60.0, 60.0]])
+        registration = register_subset(noise[0], noise[1], [[60.0, 60.0]], Starts([[60.0, 60.0]]))
     assert not np.isfinite(registration.covariance).any()
 
 
 def test_reference_against_itself_is_exact(texture, reference):
     """As exact as the residual: three sums in single precision, of 41 x 41 products each in four lanes or more."""
-    registration = register_subset(reference, reference, POINTS + 0.3, POINTS + 0.3)
+    registration = register_subset(reference, reference, POINTS + 0.3, Starts(POINTS + 0.3))
     np.testing.assert_allclose(registration.position, POINTS + 0.3, rtol=0, atol=1e-5)
     # Each addition rounds by half an eps of what has been summed up so far, on average half of the sum.
     share = 3 * (41**2 / 4) * np.finfo(np.float32).eps / 4
     np.testing.assert_allclose(registration.correlation, 1, rtol=0, atol=share / 2)
     # The stated deviation grows with the square root of the share that the template does not explain.
-    noisy = register_subset(reference, digitize(texture.image(), np.random.default_rng(3), NOISE), POINTS, POINTS)
+    noisy = register_subset(
+        reference, digitize(texture.image(), np.random.default_rng(3), NOISE), POINTS, Starts(POINTS)
+    )
     scale = np.sqrt(share / (1 - noisy.correlation**2))
     assert (std_of(registration) <= scale[:, None] * std_of(noisy)).all()
     assert scale.max() < 0.1
@@ -314,7 +316,7 @@ def test_reference_against_itself_is_exact(texture, reference):
 
 def test_failure_is_nan_everywhere(texture, reference):
     other = digitize(NaturalTexture(99).image())
-    registration = register_subset(reference, other, POINTS, POINTS, max_iterations=3)
+    registration = register_subset(reference, other, POINTS, Starts(POINTS), max_iterations=3)
     assert np.isnan(registration.position[~registration.converged]).all()
     assert np.isnan(registration.affine[~registration.converged]).all()
     assert np.isnan(registration.covariance[~registration.converged]).all()
@@ -327,29 +329,29 @@ def test_failure_is_nan_everywhere(texture, reference):
 def test_any_shift_within_reach_is_found(u, v):
     texture = NaturalTexture(12, cutoff=0.25)
     points = np.array([[120.0, 130.0], [80.3, 60.6]])
-    registration = register_subset(digitize(texture.image()), digitize(texture.image((u, v))), points, points)
+    registration = register_subset(digitize(texture.image()), digitize(texture.image((u, v))), points, Starts(points))
     np.testing.assert_allclose(registration.position, points + np.array([u, v]), atol=0.01)
 
 
 def test_misuse_is_refused(reference):
     with pytest.raises(DatasetError, match=r"reference: expected one plane .* got float64 of shape \(256, 256\)"):
-        register_subset(reference.astype(float), reference, POINTS, POINTS)
+        register_subset(reference.astype(float), reference, POINTS, Starts(POINTS))
     with pytest.raises(DatasetError, match=r"current: expected one plane .* got uint8 of shape \(256, 256, 3\)"):
-        register_subset(reference, np.repeat(reference[:, :, None], 3, axis=2), POINTS, POINTS)
+        register_subset(reference, np.repeat(reference[:, :, None], 3, axis=2), POINTS, Starts(POINTS))
     with pytest.raises(DatasetError, match=r"current: expected one plane .* got list"):
-        register_subset(reference, reference.tolist(), POINTS, POINTS)
+        register_subset(reference, reference.tolist(), POINTS, Starts(POINTS))
     with pytest.raises(SessionError, match="subset_px: expected an odd number of at least 9 pixels, got 40"):
-        register_subset(reference, reference, POINTS, POINTS, subset_px=40)
+        register_subset(reference, reference, POINTS, Starts(POINTS), subset_px=40)
     with pytest.raises(SessionError, match="subset_px: expected an odd number of at least 9 pixels, got 7"):
-        register_subset(reference, reference, POINTS, POINTS, subset_px=7)
+        register_subset(reference, reference, POINTS, Starts(POINTS), subset_px=7)
     with pytest.raises(DatasetError, match="points: expected finite pixels"):
         SubsetBank.prepare(reference, [[np.nan, 3.0]])
     with pytest.raises(DatasetError, match=r"points_reference: expected shape \(any, 2\)"):
-        register_subset(reference, reference, [1.0, 2.0, 3.0], POINTS)
+        register_subset(reference, reference, [1.0, 2.0, 3.0], Starts(POINTS))
     with pytest.raises(DatasetError, match="position: expected shape"):
-        register_subset(reference, reference, POINTS, POINTS[:3])
+        register_subset(reference, reference, POINTS, Starts(POINTS[:3]))
     with pytest.raises(DatasetError, match="affine: expected shape"):
-        register_subset(reference, reference, POINTS, POINTS, np.eye(2))
+        register_subset(reference, reference, POINTS, Starts(POINTS, np.eye(2)))
 
 
 def test_dark_views_out_of_focus_converge_with_patience():

@@ -6,10 +6,12 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.signal import fftconvolve
 
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_displacement, make_tracks
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement, make_tracks
 from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize import (
+    LagSearch,
+    Samples,
     Synchronization,
     align_views,
     estimate_lag,
@@ -32,6 +34,18 @@ def moving_tracks(time_s, *, shift_s=0.0, points=("p",), status=None):
 
 
 CLOCK = np.arange(120) / 60
+
+
+def find_lag(time_a, values_a, time_b, values_b, *, groups=None, positive_gain=False, band_hz=(0.5, 12.0), **search):
+    """`estimate_lag` of two recordings, with the fields of its search by name."""
+    return estimate_lag(
+        Samples(time_a, values_a),
+        Samples(time_b, values_b),
+        search=LagSearch(**search),
+        groups=groups,
+        positive_gain=positive_gain,
+        band_hz=band_hz,
+    )
 
 
 def test_equal_clocks_are_not_resampled():
@@ -183,7 +197,7 @@ def test_lag_of_a_view_within_a_millisecond_and_its_stated_interval(rates, trial
         lag = rng.uniform(-0.5, 0.5)
         setting = {"duration_s": rng.uniform(8, 16), "amplitude_px": rng.uniform(1.5, 10)}
         views = two_views(rng, lag_s=lag, rates=rates, noise_px=rng.uniform(0.02, 0.1), **setting)
-        found = estimate_lag(*views, search_s=1.0, groups=pairs(2))
+        found = find_lag(*views, search_s=1.0, groups=pairs(2))
         if found.ok:
             errors.append(found.lag_s - lag)
             stds.append(found.lag_std_s)
@@ -196,9 +210,7 @@ def test_lag_of_a_view_within_a_millisecond_and_its_stated_interval(rates, trial
 
 @pytest.mark.parametrize("lag", [3.3137, -2.0083])
 def test_lag_of_several_seconds(lag):
-    found = estimate_lag(
-        *two_views(np.random.default_rng(5), lag_s=lag, duration_s=16.0), search_s=5.0, groups=pairs(2)
-    )
+    found = find_lag(*two_views(np.random.default_rng(5), lag_s=lag, duration_s=16.0), search_s=5.0, groups=pairs(2))
     assert found.lag_s == pytest.approx(lag, abs=1e-3)
     assert found.offset_s == pytest.approx(-found.lag_s)
 
@@ -208,7 +220,7 @@ def test_gaps_and_drift_do_not_shift_the_lag():
     a, b = a + 20 * (clock_a / 12)[:, None] ** 2, b - 10 * np.cos(clock_b / 3)[:, None]
     a[200:230], b[500:503] = np.nan, np.nan
     kept = np.delete(np.arange(clock_b.size), slice(300, 320))
-    found = estimate_lag(clock_a, a, clock_b[kept], b[kept], search_s=1.0, groups=pairs(2))
+    found = find_lag(clock_a, a, clock_b[kept], b[kept], search_s=1.0, groups=pairs(2))
     assert found.lag_s == pytest.approx(0.1234, abs=max(1e-3, 3 * found.lag_std_s))
     assert found.lag_std_s < 1e-3
 
@@ -223,7 +235,7 @@ def sines(rng, *, noise=0.02, frequency=2.3, lag=0.0371):
 @pytest.mark.parametrize("noise", [1e-6, 0.02, 0.1])
 def test_periodic_motion_has_no_unique_lag(noise):
     for seed in range(5):
-        found = estimate_lag(*sines(np.random.default_rng(seed), noise=noise), search_s=1.0)
+        found = find_lag(*sines(np.random.default_rng(seed), noise=noise), search_s=1.0)
         assert found.status == ClockStatus.NOT_UNIQUE == "peak not unique"
         assert np.isnan(found.lag_s)
         assert np.isnan(found.lag_std_s)
@@ -232,9 +244,9 @@ def test_periodic_motion_has_no_unique_lag(noise):
 
 def test_a_start_value_decides_between_equal_peaks():
     views = sines(np.random.default_rng(0))
-    found = estimate_lag(*views, search_s=2.0, start_lag_s=0.05, start_std_s=0.03)
+    found = find_lag(*views, search_s=2.0, start_lag_s=0.05, start_std_s=0.03)
     assert found.lag_s == pytest.approx(0.0371, abs=1e-3)
-    vague = estimate_lag(*views, search_s=2.0, start_lag_s=0.05, start_std_s=0.3)
+    vague = find_lag(*views, search_s=2.0, start_lag_s=0.05, start_std_s=0.3)
     assert vague.status == ClockStatus.NOT_UNIQUE
 
 
@@ -243,7 +255,7 @@ def test_a_start_value_known_to_less_than_a_frame_is_no_edge():
     clock = np.arange(480) / 60
     truth = CubicSpline(np.arange(-60, 600) / 60, np.cumsum(rng.normal(size=660)))
     first, second = truth(clock)[:, None], truth(clock - 0.0107)[:, None]
-    found = estimate_lag(clock, first, clock, second, search_s=2.0, start_lag_s=0.01, start_std_s=0.001)
+    found = find_lag(clock, first, clock, second, search_s=2.0, start_lag_s=0.01, start_std_s=0.001)
     assert found.ok, found.status
     assert found.lag_s == pytest.approx(0.0107, abs=1e-3)
 
@@ -252,21 +264,21 @@ def test_noise_has_no_lag():
     rng = np.random.default_rng(0)
     clock = np.arange(960) / 60
     found = [
-        estimate_lag(clock, rng.normal(size=(960, 2)), clock, rng.normal(size=(960, 2)), search_s=2.0) for _ in range(8)
+        find_lag(clock, rng.normal(size=(960, 2)), clock, rng.normal(size=(960, 2)), search_s=2.0) for _ in range(8)
     ]
     assert sum(one.status == ClockStatus.NO_MOTION for one in found) >= 7
     assert not any(one.ok for one in found)
-    still = estimate_lag(clock, np.ones((960, 2)), clock, np.ones((960, 2)), search_s=2.0)
+    still = find_lag(clock, np.ones((960, 2)), clock, np.ones((960, 2)), search_s=2.0)
     assert not still.ok
 
 
 def test_short_recordings_and_searches_beside_the_lag_are_named():
     clock_a, a, clock_b, b = two_views(np.random.default_rng(1), lag_s=0.2)
-    short = estimate_lag(clock_a[:150], a[:150], clock_b[:150], b[:150], search_s=1.0, groups=pairs(2))
+    short = find_lag(clock_a[:150], a[:150], clock_b[:150], b[:150], search_s=1.0, groups=pairs(2))
     assert short.status == ClockStatus.TOO_SHORT
-    apart = estimate_lag(clock_a, a, clock_b + 100, b, search_s=1.0, groups=pairs(2))
+    apart = find_lag(clock_a, a, clock_b + 100, b, search_s=1.0, groups=pairs(2))
     assert apart.status == ClockStatus.TOO_SHORT
-    beside = estimate_lag(clock_a, a, clock_b, b, search_s=0.1, start_lag_s=0.05, groups=pairs(2))
+    beside = find_lag(clock_a, a, clock_b, b, search_s=0.1, start_lag_s=0.05, groups=pairs(2))
     assert beside.status == ClockStatus.AT_EDGE
     assert np.isnan(beside.lag_s)
 
@@ -277,7 +289,7 @@ def test_clock_rate_of_a_long_recording(ratio):
     motion, own = bridge_motion(rng, 92), np.arange(90 * 60) / 60
     a = 5 * motion(own)[:, :2] + 0.05 * rng.normal(size=(own.size, 2))
     b = 5 * motion(own * ratio + offset)[:, :2] @ [[0.8, 0.3], [-0.2, 1]] + 0.05 * rng.normal(size=(own.size, 2))
-    found = estimate_lag(own, a, own, b, search_s=1.0)
+    found = find_lag(own, a, own, b, search_s=1.0)
     assert found.ok
     assert found.rate_ratio == pytest.approx(ratio, abs=4 * found.rate_ratio_std)
     assert found.rate_ratio_std < 2e-5
@@ -288,7 +300,7 @@ def test_clock_rate_of_a_long_recording(ratio):
 
 
 def test_below_a_minute_the_rate_is_taken_as_equal():
-    found = estimate_lag(*two_views(np.random.default_rng(5), lag_s=0.1), search_s=1.0, groups=pairs(2))
+    found = find_lag(*two_views(np.random.default_rng(5), lag_s=0.1), search_s=1.0, groups=pairs(2))
     assert found.rate_ratio == 1.0
     assert np.isnan(found.rate_ratio_std)
 
@@ -326,12 +338,14 @@ def vision_and_sensor(rng, lag_s):
         clock,
         ["p"],
         STRUCTURE_AXES,
-        displacement_mm=(seen + 0.15 * rng.normal(size=seen.shape))[:, None],
-        displacement_std_mm=np.full(shape, 0.15),
-        scale_std=np.zeros((1, 3)),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int),
+        DisplacementArrays(
+            displacement_mm=(seen + 0.15 * rng.normal(size=seen.shape))[:, None],
+            displacement_std_mm=np.full(shape, 0.15),
+            scale_std=np.zeros((1, 3)),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int),
+        ),
         attrs={"frame": "structure"},
     )
     values = (sensed + 0.03 * rng.normal(size=sensed.shape))[:, None]
@@ -358,8 +372,8 @@ def test_lag_of_a_sensor_within_three_milliseconds():
 
 def test_a_sensor_upside_down_is_not_matched_half_a_period_off():
     clock, a, _, b = sines(np.random.default_rng(0), lag=0.0)
-    free = estimate_lag(clock, a[:, 1:], clock, -b[:, 1:], search_s=0.15)
-    signed = estimate_lag(clock, a[:, 1:], clock, -b[:, 1:], search_s=0.15, positive_gain=True)
+    free = find_lag(clock, a[:, 1:], clock, -b[:, 1:], search_s=0.15)
+    signed = find_lag(clock, a[:, 1:], clock, -b[:, 1:], search_s=0.15, positive_gain=True)
     assert abs(free.lag_s) < 1e-2
     assert not signed.ok
 
@@ -373,12 +387,12 @@ def test_views_of_a_short_recording_are_not_matched_half_a_period_off():
     )
     rng = np.random.default_rng(1)
     values = [m + rng.normal(0, 0.01, m.shape) for m in (motion, later)]
-    assert not estimate_lag(clock, values[0], clock, values[1], search_s=2.0, positive_gain=True).ok
+    assert not find_lag(clock, values[0], clock, values[1], search_s=2.0, positive_gain=True).ok
 
 
 def test_pictures_taken_one_by_one_are_too_slow_for_the_band():
     clock, a, _, b = sines(np.random.default_rng(0))
-    found = estimate_lag(clock * 60, a, clock * 60, b, search_s=5.0)
+    found = find_lag(clock * 60, a, clock * 60, b, search_s=5.0)
     assert (found.status, found.ok) == (ClockStatus.TOO_SLOW, False)
 
 
@@ -396,7 +410,7 @@ def test_misuse_of_lags_is_refused():
     }.items():
         options = {"time_a": clock, "values_a": a, "time_b": clock, "values_b": b, "search_s": 1.0, **change}
         with pytest.raises(DatasetError, match=message):
-            estimate_lag(**options)
+            find_lag(**options)
 
 
 def test_misuse_of_datasets_is_refused():
@@ -417,7 +431,7 @@ def test_misuse_of_datasets_is_refused():
 def test_six_points_take_well_under_a_second():
     views = two_views(np.random.default_rng(0), lag_s=0.2, duration_s=16.0, points=6)
     begin = time.process_time()  # a busy machine takes longer
-    assert estimate_lag(*views, search_s=2.0, groups=pairs(6)).ok
+    assert find_lag(*views, search_s=2.0, groups=pairs(6)).ok
     assert time.process_time() - begin < 1.0
 
 
@@ -426,7 +440,7 @@ def test_noise_does_not_pull_the_lag_towards_half_samples():
     errors = []
     for seed in range(30):
         views = two_views(np.random.default_rng(seed), lag_s=6.25 / 60, amplitude_px=1.0)
-        found = estimate_lag(*views, search_s=0.5, groups=pairs(2))
+        found = find_lag(*views, search_s=0.5, groups=pairs(2))
         errors += [found.lag_s - 6.25 / 60] if found.ok else []
     assert len(errors) >= 20
     assert abs(np.mean(errors)) < 4e-4

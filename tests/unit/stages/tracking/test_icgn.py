@@ -1,5 +1,7 @@
 """The IC-GN tracker on videos with exact truth: what it follows, and what it refuses to make up."""
 
+from dataclasses import fields
+
 import cv2
 import numpy as np
 import pytest
@@ -7,7 +9,8 @@ import pytest
 from moving_frames import NOISE, NaturalTexture, digitize, grid_points, memory_video
 from vfm_sdm.core.datasets import Status, check_tracks
 from vfm_sdm.errors import DatasetError, SessionError
-from vfm_sdm.stages.registration.subsets import register_subset
+from vfm_sdm.stages.registration.subsets import Starts, register_subset
+from vfm_sdm.stages.tracking.follow import FollowSettings
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 
 SIZE = 256
@@ -22,7 +25,8 @@ def texture():
 
 def track(frames, points=POINTS, names=None, reference_frame=0, **options):
     names = NAMES[: len(points)] if names is None else names
-    tracker = IcgnTracker(**options)
+    follow = {field.name: options.pop(field.name) for field in fields(FollowSettings) if field.name in options}
+    tracker = IcgnTracker(settings=FollowSettings(**follow), **options)
     return check_tracks(tracker.track(memory_video(frames), points, names=names, reference_frame=reference_frame))
 
 
@@ -301,7 +305,7 @@ def test_real_speckle_with_known_shift(shared_data, name, shift):
         cv2.imread(str(folder / file), cv2.IMREAD_UNCHANGED) for file in ("Sample5_Reference.tif", name)
     )
     points = grid_points(512, 16, 40)
-    registration = register_subset(reference, current, points, points)
+    registration = register_subset(reference, current, points, Starts(points))
     moved = registration.position - points
     assert registration.converged.all()
     np.testing.assert_allclose(moved.mean(axis=0), shift, atol=0.002)
@@ -313,12 +317,12 @@ def test_settings_are_checked():
     with pytest.raises(SessionError, match="subset_px: expected an odd number of at least 9 pixels, got 40"):
         IcgnTracker(subset_px=40)
     with pytest.raises(SessionError, match="icgn: expected positive settings, got search_radius_px = 0"):
-        IcgnTracker(search_radius_px=0)
+        IcgnTracker(settings=FollowSettings(search_radius_px=0))
     with pytest.raises(SessionError, match="max_iterations = 0, max_std_px = nan, threads = 0"):
-        IcgnTracker(max_iterations=0, max_std_px=np.nan, threads=0)
+        IcgnTracker(settings=FollowSettings(max_iterations=0), max_std_px=np.nan, threads=0)
     for limits in ((0.9, 0.8), (0.0, 0.8), (0.5, 1.0)):
         with pytest.raises(SessionError, match="0 < minimum_correlation <= reliable_correlation < 1"):
-            IcgnTracker(minimum_correlation=limits[0], reliable_correlation=limits[1])
+            IcgnTracker(settings=FollowSettings(minimum_correlation=limits[0], reliable_correlation=limits[1]))
 
 
 def test_input_is_checked(texture):

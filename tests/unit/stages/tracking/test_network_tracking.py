@@ -11,7 +11,7 @@ from vfm_sdm.core.datasets import Status, check_tracks
 from vfm_sdm.errors import BackendUnavailableError, DatasetError, SessionError
 from vfm_sdm.stages.tracking.chunks import ChunkPlan
 from vfm_sdm.stages.tracking.hybrid import HybridTracker
-from vfm_sdm.stages.tracking.network import NetworkPreset, follow_with_network
+from vfm_sdm.stages.tracking.network import NetworkPreset, PresetNetwork, follow_with_network
 from vfm_sdm.stages.tracking.patches import plan_patches
 
 PRESET = NetworkPreset("short", ChunkPlan(10), 98, multiple=14, least_px=56)
@@ -31,7 +31,7 @@ def known(**options):
 
 
 def follow(network, preset=PRESET, points=POINTS, names=NAMES, video=None, **options):
-    return follow_with_network(network, preset, video or plain(), points, names=names, **options)
+    return follow_with_network(PresetNetwork(network, preset), video or plain(), points, names=names, **options)
 
 
 def truth(reference=0, points=POINTS, frames=FRAMES):
@@ -161,7 +161,7 @@ class _Follower:
 
     def track(self, video, points2d, *, names, reference_frame=0, progress=None):
         network = known()
-        tracks = follow_with_network(network, PRESET, video, points2d, names=names, progress=progress)
+        tracks = follow_with_network(PresetNetwork(network, PRESET), video, points2d, names=names, progress=progress)
         tracks["position"].values[:] = self.positions
         return tracks.assign_attrs(tracker="vggt", weights="random", precision="float32")
 

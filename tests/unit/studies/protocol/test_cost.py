@@ -10,7 +10,7 @@ import pytest
 
 from vfm_sdm.studies.protocol import cost as cost_module
 from vfm_sdm.studies.protocol.cost import Cost, measure_cost
-from vfm_sdm.studies.protocol.runs import _kept
+from vfm_sdm.studies.protocol.runs import _keep_costs
 
 STAGES = ("camera parameter estimation", "point tracking")
 
@@ -75,18 +75,18 @@ def test_a_block_that_fails_has_a_cost_and_leaves_no_thread():
 def test_costs_of_reused_stages_are_those_of_when_they_were_run(tmp_path):
     path = tmp_path / "costs.json"
     first, again = costs_of(9.0), costs_of(0.1)
-    assert _kept(path, first, []) == first
-    assert _kept(path, again, ["cameras"]) == [first[0], again[1]]
-    assert _kept(path, costs_of(0.2), ["cameras", "tracking"]) == [first[0], again[1]]
-    assert _kept(path, costs_of(7.0), []) == costs_of(7.0)
+    assert _keep_costs(path, first, []) == first
+    assert _keep_costs(path, again, ["cameras"]) == [first[0], again[1]]
+    assert _keep_costs(path, costs_of(0.2), ["cameras", "tracking"]) == [first[0], again[1]]
+    assert _keep_costs(path, costs_of(7.0), []) == costs_of(7.0)
 
 
 def test_a_cost_that_was_never_measured_is_that_of_now(tmp_path):
-    assert _kept(tmp_path / "costs.json", costs_of(0.1), ["cameras", "tracking"]) == costs_of(0.1)
+    assert _keep_costs(tmp_path / "costs.json", costs_of(0.1), ["cameras", "tracking"]) == costs_of(0.1)
 
 
 def test_costs_of_other_stages_are_not_forgotten(tmp_path):
     path = tmp_path / "costs.json"
-    _kept(path, costs_of(9.0), [])
-    _kept(path, costs_of(9.0)[:1], ["cameras"])
+    _keep_costs(path, costs_of(9.0), [])
+    _keep_costs(path, costs_of(9.0)[:1], ["cameras"])
     assert set(json.loads(path.read_text())) == set(STAGES)

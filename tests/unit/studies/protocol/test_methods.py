@@ -4,14 +4,14 @@ import re
 
 import pytest
 
-from vfm_sdm.studies.protocol.methods import MONOCULAR, OURS, WITHOUT_SGR, Method, comparisons, why_not
+from vfm_sdm.studies.protocol.methods import MONOCULAR, WITH_SGR, WITHOUT_SGR, ComparedMethod, comparisons, why_not
 
 
 def test_the_paper_s_four_comparisons():
     found = {comparison.name: comparison for comparison in comparisons()}
     assert list(found) == ["refinement", "baseline", "cameras", "trackers"]
-    assert found["refinement"].methods == (WITHOUT_SGR, OURS)
-    assert found["baseline"].methods == (OURS, MONOCULAR)
+    assert found["refinement"].methods == (WITHOUT_SGR, WITH_SGR)
+    assert found["baseline"].methods == (WITH_SGR, MONOCULAR)
     # One camera that looks obliquely measures the vertical direction only.
     assert found["baseline"].axes == ("vertical",)
     assert all(found[name].axes == ("vertical", "lateral") for name in ("refinement", "cameras", "trackers"))
@@ -29,14 +29,15 @@ def test_cameras_and_trackers_are_compared_without_refinement_and_one_at_a_time(
 
 
 def test_refinements_share_cameras_and_tracks_and_nothing_else_does():
-    assert OURS.run_name == WITHOUT_SGR.run_name == "icgn+two-view"
-    assert (OURS.refinement, WITHOUT_SGR.refinement) == ("sgr", "none")
-    others = {Method("", tracker="template").run_name, Method("", cameras="file").run_name}
-    assert len({OURS.run_name, *others}) == 3
+    assert WITH_SGR.run_name == WITHOUT_SGR.run_name == "icgn+two-view"
+    assert (WITH_SGR.refinement, WITHOUT_SGR.refinement) == ("sgr", "none")
+    others = {ComparedMethod("", tracker="template").run_name, ComparedMethod("", cameras="file").run_name}
+    assert len({WITH_SGR.run_name, *others}) == 3
 
 
 @pytest.mark.parametrize(
-    "method", [OURS, WITHOUT_SGR, MONOCULAR, Method("", tracker="template"), Method("", cameras="file")]
+    "method",
+    [WITH_SGR, WITHOUT_SGR, MONOCULAR, ComparedMethod("", tracker="template"), ComparedMethod("", cameras="file")],
 )
 def test_what_needs_no_weights_can_run(method):
     assert why_not(method) is None
@@ -45,14 +46,20 @@ def test_what_needs_no_weights_can_run(method):
 @pytest.mark.parametrize(
     ("method", "reason"),
     [
-        (Method("", cameras="chessboard"), "the field tests hold no pictures of a chessboard"),
-        (Method("", cameras="none such"), "cameras: expected one of .*, got 'none such'; choose one of these, .*"),
-        (Method("", tracker="none such"), "tracker: expected one of .*, got 'none such'; choose one of these, .*"),
+        (ComparedMethod("", cameras="chessboard"), "the field tests hold no pictures of a chessboard"),
+        (
+            ComparedMethod("", cameras="none such"),
+            "cameras: expected one of .*, got 'none such'; choose one of these, .*",
+        ),
+        (
+            ComparedMethod("", tracker="none such"),
+            "tracker: expected one of .*, got 'none such'; choose one of these, .*",
+        ),
         # Only the paper's baseline itself needs no rig.
-        (Method("another", tracker="template", cameras=MONOCULAR.cameras), "cameras: expected one of .*"),
-        (Method("", tracker="vggt"), ".*(weights fetch vggt-1b`|PyTorch, got none; .*)"),
-        (Method("", cameras="vggt"), ".*(weights fetch vggt-1b`|PyTorch, got none; .*)"),
-        (Method("", tracker="tapir+icgn"), ".*(weights fetch bootstapir`|PyTorch, got none; .*)"),
+        (ComparedMethod("another", tracker="template", cameras=MONOCULAR.cameras), "cameras: expected one of .*"),
+        (ComparedMethod("", tracker="vggt"), ".*(weights fetch vggt-1b`|PyTorch, got none; .*)"),
+        (ComparedMethod("", cameras="vggt"), ".*(weights fetch vggt-1b`|PyTorch, got none; .*)"),
+        (ComparedMethod("", tracker="tapir+icgn"), ".*(weights fetch bootstapir`|PyTorch, got none; .*)"),
     ],
 )
 def test_what_cannot_run_says_why(method, reason):
@@ -64,7 +71,7 @@ def test_the_reason_is_that_of_the_back_end(monkeypatch):
     monkeypatch.setattr(
         "vfm_sdm.studies.protocol.methods.why_unavailable", lambda kind, name: reasons.get((kind, name))
     )
-    assert why_not(OURS) == "expected weights, got none; install them"
+    assert why_not(WITH_SGR) == "expected weights, got none; install them"
     assert why_not(MONOCULAR) is None
     reasons = {("cameras", "sfm"): "expected pycolmap"}
-    assert why_not(Method("", cameras="sfm")) == "expected pycolmap"
+    assert why_not(ComparedMethod("", cameras="sfm")) == "expected pycolmap"

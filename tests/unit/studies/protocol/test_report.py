@@ -11,12 +11,12 @@ import xarray as xr
 
 from vfm_sdm.analysis.evaluation import Evaluation, EvaluationRow
 from vfm_sdm.analysis.evaluation.metrics import Score
-from vfm_sdm.core.datasets import STRUCTURE_AXES, make_displacement
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 from vfm_sdm.stages.synchronize import Synchronization
 from vfm_sdm.studies.protocol import TestResult as Result  # by its own name pytest would take it for a test
 from vfm_sdm.studies.protocol import report
 from vfm_sdm.studies.protocol.cost import Cost
-from vfm_sdm.studies.protocol.methods import OURS, WITHOUT_SGR
+from vfm_sdm.studies.protocol.methods import WITH_SGR, WITHOUT_SGR
 from vfm_sdm.studies.protocol.runs import FieldTest, MethodRun
 from vfm_sdm.studies.protocol.sensitivity import SensitivityRow
 from vfm_sdm.studies.protocol.tables import Case, comparison_table
@@ -48,12 +48,14 @@ def make_displacement_with_clock(offset_s, std_s, status):
         np.arange(10) / 30,
         list(POINTS),
         STRUCTURE_AXES,
-        displacement_mm=np.zeros(shape),
-        displacement_std_mm=np.zeros(shape),
-        scale_std=np.zeros(shape[1:]),
-        position_m=np.zeros(shape),
-        reprojection_error_px=np.zeros(shape[:2]),
-        status=np.zeros(shape[:2], int),
+        DisplacementArrays(
+            displacement_mm=np.zeros(shape),
+            displacement_std_mm=np.zeros(shape),
+            scale_std=np.zeros(shape[1:]),
+            position_m=np.zeros(shape),
+            reprojection_error_px=np.zeros(shape[:2]),
+            status=np.zeros(shape[:2], int),
+        ),
         attrs={"frame": "structure"},
     )
     facts = {f"clock_{name}": ("view", values) for name, values in clock.items()}
@@ -67,13 +69,13 @@ def make_result(name="data-1", **changes):
     session = SimpleNamespace(view=[SimpleNamespace(name="left"), SimpleNamespace(name="right")])
     truth = xr.Dataset(attrs={"second_view_offset_s": OFFSET_S, "sensor_offset_s": [SENSOR_S, SENSOR_S]})
     result = Result(FieldTest(plan, Path(), session, truth, None))
-    result.runs[OURS] = MethodRun(make_displacement_with_clock(OFFSET_S + 0.5e-3, 0.2e-3, "ok"))
+    result.runs[WITH_SGR] = MethodRun(make_displacement_with_clock(OFFSET_S + 0.5e-3, 0.2e-3, "ok"))
     clock = Synchronization(-(SENSOR_S - 2e-3), 0.7e-3, 0.99, "ok")
     result.evaluations["accelerometers"] = {
-        OURS: make_evaluation(estimate_mm=5.0, clock=clock),
+        WITH_SGR: make_evaluation(estimate_mm=5.0, clock=clock),
         WITHOUT_SGR: make_evaluation(estimate_mm=6.0),
     }
-    result.evaluations["truth"] = {OURS: make_evaluation(0.03), WITHOUT_SGR: make_evaluation(0.08)}
+    result.evaluations["truth"] = {WITH_SGR: make_evaluation(0.03), WITHOUT_SGR: make_evaluation(0.08)}
     result.reference = make_evaluation(0.05, estimate_mm=4.5, reference_mm=4.0)
     return result
 
@@ -124,7 +126,7 @@ def test_clocks_beside_the_true_ones():
 
 def test_a_clock_that_the_motion_does_not_tell_is_shown_with_its_reason():
     result = make_result()
-    result.runs[OURS] = MethodRun(make_displacement_with_clock(NAN, NAN, "peak not unique"))
+    result.runs[WITH_SGR] = MethodRun(make_displacement_with_clock(NAN, NAN, "peak not unique"))
     row = report.clock_table({"data-1": result}).rows[0]
     assert row[2] == OFFSET_S
     assert np.isnan(row[3:6]).all()
@@ -133,7 +135,7 @@ def test_a_clock_that_the_motion_does_not_tell_is_shown_with_its_reason():
 
 def test_what_was_not_synchronised_has_no_clock():
     result = make_result()
-    result.runs[OURS] = MethodRun(None, status="no cameras")
+    result.runs[WITH_SGR] = MethodRun(None, status="no cameras")
     result.evaluations["accelerometers"] = {}
     assert report.clock_table({"data-1": result}).rows == ()
     assert report.clock_table({}).rows == ()
@@ -143,7 +145,7 @@ def test_outside_the_assumptions_the_title_says_so():
     table = report.outside_table({"data-4": make_result("data-4", within_assumptions=False)})
     assert table.title.startswith("OUTSIDE THE METHOD'S ASSUMPTIONS")
     assert [row[0] for row in table.rows] == ["data-4"] * 4 + ["mean", "std"]
-    before, after = (table.columns.index(f"NRMSE range: {m.label}") for m in (WITHOUT_SGR, OURS))
+    before, after = (table.columns.index(f"NRMSE range: {m.label}") for m in (WITHOUT_SGR, WITH_SGR))
     assert (table.rows[0][before], table.rows[0][after]) == (0.08, 0.03)
     assert "The paper leaves its phone sequence out" in table.notes[0]
     assert [row[0] for row in report.outside_table({}).rows] == ["mean", "std"]
@@ -172,7 +174,7 @@ def test_means_stand_beside_the_paper_s(tmp_path):
         f"refinement_against_{against}": comparison_table(
             f"refinement_against_{against}",
             f"Against {against}",
-            {OURS.label: {case: make_score(nrmse, rppae=NAN)}, WITHOUT_SGR.label: {case: make_score(9.0)}},
+            {WITH_SGR.label: {case: make_score(nrmse, rppae=NAN)}, WITHOUT_SGR.label: {case: make_score(9.0)}},
             cases=[case],
         )
         for against, nrmse in (("truth", 0.0312), ("accelerometers", 0.0567))

@@ -120,12 +120,12 @@ def test_amplitude_scales_the_motion_and_nothing_else(study):
 
 
 def test_the_baseline_is_as_long_as_asked_in_the_same_direction(study):
-    base = np.array(study[1]["unchanged/recording"].site.second_center)
+    base = np.array(study[1]["unchanged/recording"].site.further[0].center)
     for value in (1.0, 2.0):
         plan = study[1][f"baseline_{value:g}/recording"]
         assert plan.baseline_m == pytest.approx(value)
-        np.testing.assert_allclose(np.cross(plan.site.second_center, base), 0, atol=1e-12)
-        assert plan.site.second_target_m == sensitivity_plan().site.second_target_m
+        np.testing.assert_allclose(np.cross(plan.site.further[0].center, base), 0, atol=1e-12)
+        assert plan.site.further[0].target_m == sensitivity_plan().site.further[0].target_m
 
 
 def test_cameras_points_and_clock_are_given(study):

@@ -94,7 +94,7 @@ def test_points_are_placed_where_the_reference_camera_sees_them(demo):
 
 def test_lengths_in_the_session_have_errors_of_the_size_that_they_state(tmp_path):
     exact = {
-        "baseline": float(np.linalg.norm(SMALL.second_center)),
+        "baseline": float(np.linalg.norm(SMALL.further[0].center)),
         "perpendicular_distance": SMALL.perpendicular_m,
         "longitudinal_distance": SMALL.longitudinal_m,
     }

@@ -147,7 +147,8 @@ def test_rendered_motion_of_the_demo_is_the_commanded_one(site, cameras, rendere
 
 
 def test_texture_of_a_face_does_not_depend_on_the_others(site, scene):
-    wide = build_footbridge(replace(site, second_target_m=site.second_target_m + 0.5), seed=7)
+    (second,) = site.further
+    wide = build_footbridge(replace(site, further=(replace(second, target_m=second.target_m + 0.5),)), seed=7)
     assert wide.face("web 3").texture.seed == scene.face("web 3").texture.seed
     assert build_footbridge(site, seed=8).face("web 3").texture.seed != scene.face("web 3").texture.seed
 
@@ -159,6 +160,6 @@ def test_faces_that_no_camera_sees_are_left_out(scene):
 
 
 def test_cameras_that_do_not_see_the_girder_are_refused(site):
-    away = replace(site, longitudinal_m=400.0, second_target_m=400.0)
+    away = replace(site, longitudinal_m=400.0, further=(replace(site.further[0], target_m=400.0),))
     with pytest.raises(DatasetError, match="site: expected cameras that look at the girder"):
         build_footbridge(away, seed=0)

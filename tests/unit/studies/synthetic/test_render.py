@@ -12,7 +12,7 @@ from rendered_scenes import (
 )
 
 from vfm_sdm.errors import CameraError, DatasetError
-from vfm_sdm.studies.synthetic.raycast import BLUR_PX
+from vfm_sdm.studies.synthetic.cast_arrays import BLUR_PX
 from vfm_sdm.studies.synthetic.render import Renderer
 from vfm_sdm.studies.synthetic.scene import Face, Mark, Scene, Texture
 

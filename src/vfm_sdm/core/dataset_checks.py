@@ -1,0 +1,45 @@
+"""Checks at the door of every stage: variables of a dataset, their dims and units, and its clock."""
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.errors import DatasetError
+
+__all__ = ["check_clock", "check_variable"]
+
+
+def check_variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], units: str | None) -> None:
+    """Refuses a variable that is missing, or has other dims or units.
+
+    Parameters
+    ----------
+    dataset
+        What should hold the variable.
+    name, dims, units
+        What is expected; without units, any pass.
+
+    Raises
+    ------
+    DatasetError
+        The variable is not as expected.
+    """
+    if name not in dataset:
+        raise DatasetError(f"dataset: expected a variable {name!r}, got {sorted(map(str, dataset.data_vars))}")
+    variable = dataset[name]
+    if variable.dims != dims:
+        raise DatasetError(f"{name}: expected dims {dims}, got {variable.dims}; transpose or rename them")
+    if units is not None and variable.attrs.get("units") != units:
+        raise DatasetError(f"{name}: expected units {units!r}, got {variable.attrs.get('units')!r}; convert them")
+
+
+def check_clock(dataset: xr.Dataset) -> None:
+    """Refuses time stamps [s] that are not finite and increasing.
+
+    Raises
+    ------
+    DatasetError
+        The stamps are not as expected.
+    """
+    time_s = dataset["time"].values
+    if not np.isfinite(time_s).all() or np.any(np.diff(time_s) <= 0):
+        raise DatasetError("time: expected finite, increasing seconds, got repeated or falling stamps; sort the frames")
