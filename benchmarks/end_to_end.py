@@ -161,9 +161,7 @@ def main() -> None:
         child(options.child, options.argument)
         return
     if options.frames < LEAST_FRAMES:
-        parser.error(
-            f"--frames: expected {LEAST_FRAMES} or more, of which a quarter can be audited, got {options.frames}"
-        )
+        parser.error(f"--frames: expected {LEAST_FRAMES} or more, so that a quarter can be audited")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_pair(folder, options.frames)
@@ -188,7 +186,10 @@ def main() -> None:
         ("  of it all else", start_up_s),
     ):
         print(f"{what:24}{value:10.2f}")
-    print("stages:", {k: v for k, v in measuring[-1].items() if k not in ("wall_s", "peak_mb", "process_s")})
+    print(f"share of points and samples that were found: {measuring[-1]['found']:.4f}; the last run's stages:")
+    for stage, seconds in measuring[-1].items():
+        if stage not in ("wall_s", "peak_mb", "process_s", "found"):
+            print(f"  {stage:22}{seconds:10.2f}")
     print(
         json.dumps(
             {

@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simulation import intrinsics, looking_at, simple_rig
-from vfm_sdm.core.datasets import Status, make_tracks
+from stated_tracks import stated_tracks
+from vfm_sdm.core.datasets import Status
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
@@ -91,13 +92,9 @@ def tracks_of(position, *, std_px=0.0, stated_px=None, seed=None):
     rng = np.random.default_rng(seed)
     tracks = {}
     for view, exact in position.items():
-        frames, points = exact.shape[:2]
         noise = rng.normal(0, std_px, exact.shape) if seed is not None else 0.0
         stated = std_px if stated_px is None else stated_px
-        covariance = np.tile(stated**2 * np.eye(2), (frames, points, 1, 1))
-        status = np.zeros((frames, points), int)
-        clock = np.arange(frames) / FPS
-        tracks[view] = make_tracks(clock, NAMES[:points], exact + noise, covariance, status, attrs={"view": view})
+        tracks[view] = stated_tracks(exact + noise, stated, FPS, names=NAMES[: exact.shape[1]], view=view)
     return tracks
 
 

@@ -3,7 +3,8 @@ import pytest
 import xarray as xr
 
 from simulation import project_all, simple_rig
-from vfm_sdm.core.datasets import Status, make_tracks
+from stated_tracks import stated_tracks
+from vfm_sdm.core.datasets import Status
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
 from vfm_sdm.stages.displacement.stereo import compute_displacement
@@ -25,10 +26,8 @@ def tracks_of(rig, *, noise_px=0.0, seed=0, motion_mm=None):
     motion = true_motion_mm() if motion_mm is None else motion_mm
     X = POINTS + (motion / 1e3) @ FRAME.rotation
     u = project_all(rig, X) + np.random.default_rng(seed).normal(0, noise_px, (len(rig), *X.shape[:2], 2))
-    covariance = np.broadcast_to(np.eye(2) * max(noise_px, 1e-9) ** 2, (CLOCK.size, 2, 2, 2))
-    status = np.zeros((CLOCK.size, 2), int)
-    views = {n: make_tracks(CLOCK, ["p", "q"], u[i], covariance, status, attrs={}) for i, n in enumerate(rig.names)}
-    return align_views(views)
+    stated = max(noise_px, 1e-9)
+    return align_views({n: stated_tracks(u[i], stated, CLOCK, names=["p", "q"]) for i, n in enumerate(rig.names)})
 
 
 @pytest.mark.parametrize("views", [2, 3])

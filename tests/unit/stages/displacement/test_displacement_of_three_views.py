@@ -5,8 +5,9 @@ import pytest
 import xarray as xr
 
 from simulation import project_all, simple_rig
+from stated_tracks import stated_tracks
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.netcdf import read_displacement, write_displacement
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
@@ -37,14 +38,10 @@ def tracks_of(rig: Rig = RIG, *, noise_px=0.0, seed=0, clicked_px=0.0, hidden=()
     u = project_all(rig, POINTS + (motion / 1e3) @ FRAME.rotation)
     u += rng.normal(0, clicked_px, (len(rig), 1, 2, 2))
     u += rng.normal(size=u.shape) * std[:, None, None, None]
-    status = np.zeros(u.shape[:3], int)
     for view, frames, point in hidden:
-        u[view, frames, point], status[view, frames, point] = np.nan, Status.LOST
-    views = {}
-    for view, name in enumerate(rig.names):
-        covariance = np.broadcast_to(np.eye(2) * max(std[view], 1e-9) ** 2, (FRAMES, 2, 2, 2))
-        views[name] = make_tracks(CLOCK, ["p", "q"], u[view], covariance, status[view], attrs={})
-    return align_views(views)
+        u[view, frames, point] = np.nan
+    stated = np.maximum(std, 1e-9)
+    return align_views({n: stated_tracks(u[i], stated[i], CLOCK, names=["p", "q"]) for i, n in enumerate(rig.names)})
 
 
 def pair_of(rig: Rig, tracks: xr.Dataset, first: int, second: int) -> tuple[xr.Dataset, Rig]:

@@ -7,8 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from intervals import TOO_NARROW, TOO_WIDE, objections
 from simulation import intrinsics, looking_at
+from stated_tracks import stated_tracks
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.datasets import Status
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
@@ -73,10 +74,7 @@ def tracks_of(
     views = []
     for view, moved in enumerate(position):
         noise = 0.0 if rng is None else rng.multivariate_normal([0, 0], stated[view], moved.shape[:2])
-        shape = (*moved.shape[:2], 2, 2)
-        names = [f"p{k}" for k in range(moved.shape[1])]
-        status = np.zeros(moved.shape[:2], int)
-        views.append(make_tracks(time_s, names, moved + noise, np.broadcast_to(stated[view], shape), status, attrs={}))
+        views.append(stated_tracks(moved + noise, stated[view], time_s))
     return xr.concat(views, dim="view").assign_coords(view=list(VIEWS)).transpose("view", ...)
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from moving_frames import NOISE, NaturalTexture, digitize, memory_video
-from vfm_sdm.core.datasets import Status, check_tracks, make_tracks
+from stated_tracks import stated_tracks
+from vfm_sdm.core.datasets import Status, check_tracks
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.stages.displacement.monocular import compute_planar_displacement, scale_factor
 from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset
@@ -131,10 +132,7 @@ def test_scale_factor_is_length_over_distance():
 
 
 def tracks_of(position, std_px=0.01):
-    covariance = np.broadcast_to(np.eye(2) * std_px**2, (*position.shape, 2))
-    status = np.where(np.isnan(position).any(axis=2), Status.LOST, Status.OK)
-    time_s = np.arange(len(position)) / 50
-    return make_tracks(time_s, NAMES[: position.shape[1]], position, covariance, status, attrs={"tracker": "template"})
+    return stated_tracks(position, std_px, 50, names=NAMES[: position.shape[1]], tracker="template")
 
 
 def test_planar_displacement_is_relative_to_the_first_position():

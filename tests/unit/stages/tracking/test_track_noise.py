@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vfm_sdm.core.datasets import Status, make_tracks
+from stated_tracks import stated_tracks
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
 RATE = 60.0
@@ -9,13 +9,9 @@ STATED = 0.003
 
 
 def tracks_of(position, *, stated=STATED):
-    frames, points = position.shape[:2]
-    covariance = np.broadcast_to(stated**2 * np.eye(2), (frames, points, 2, 2)).copy()
-    covariance[0] = 0.0
-    return make_tracks(
-        np.arange(frames) / RATE, [f"p{k}" for k in range(points)], position, covariance,
-        np.where(np.isfinite(position).all(axis=2), Status.OK, Status.LOST), attrs={"tracker": "test"},
-    )  # fmt: skip
+    # The reference frame is where it is.
+    std = np.append(0.0, np.full(len(position) - 1, stated))
+    return stated_tracks(position, std[:, None, None, None] ** 2 * np.eye(2), RATE, tracker="test")
 
 
 def motion(frames, points=1):
