@@ -31,6 +31,7 @@ NEAR_M, FAR_M = 20.0, 45.0
 BASELINE_M = 4.0
 BAND = (slice(600, 1500), slice(200, 3640))  # the near plane in the left view
 PHASES = 8
+LEAST_FRAMES = 16
 POINTS = {"a": (900.0, 900.0), "b": (1500.0, 1200.0), "c": (2200.0, 1000.0), "d": (2900.0, 1150.0)}
 
 
@@ -159,6 +160,10 @@ def main() -> None:
     if options.child:
         child(options.child, options.argument)
         return
+    if options.frames < LEAST_FRAMES:
+        parser.error(
+            f"--frames: expected {LEAST_FRAMES} or more, of which a quarter can be audited, got {options.frames}"
+        )
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_pair(folder, options.frames)

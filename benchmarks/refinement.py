@@ -133,26 +133,29 @@ def time_scipy(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=101)
+    parser.add_argument("--frames", type=int, default=480, help="frames that SciPy solves as well")
+    parser.add_argument("--longest", type=int, default=100_000, help="frames of the longest series of the growth")
+    parser.add_argument("--points", type=int, default=1000, help="points of the case of many points")
     options = parser.parse_args()
-    scene = make_scene(480, 1)
+    frames, points = options.frames, options.points
+    scene = make_scene(frames, 1)
     refinement = refine(*scene)
-    ours_s = time_refine(480, 1, options.rounds)
+    ours_s = time_refine(frames, 1, options.rounds)
     scipy_s, cost, correction = time_scipy(scene, triangulate_by_svd, 2)
     quicker_s, _, _ = time_scipy(scene, triangulate, 2)
-    growth = {frames: time_refine(frames, 1, 3) for frames in (10_000, 30_000, 100_000)}
+    lengths = (options.longest // 10, 3 * options.longest // 10, options.longest)
+    growth = {length: time_refine(length, 1, 3) for length in lengths}
     # ru_maxrss is in kilobytes on Linux; taken before the large case of many points.
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"peak memory of the process up to here {peak_mb:.0f} MB")
-    many_s = time_refine(480, 1000, 3)
+    many_s = time_refine(frames, points, 3)
     summary = {
-        "ours_480x1_s": ours_s,
-        "scipy_480x1_s": scipy_s,
+        f"ours_{frames}x1_s": ours_s,
+        f"scipy_{frames}x1_s": scipy_s,
         "ratio": scipy_s / ours_s,
         "scipy_with_our_triangulation_s": quicker_s,
-        "ours_480x1000_s": many_s,
-        "ours_10000x1_s": growth[10_000],
-        "ours_30000x1_s": growth[30_000],
-        "ours_100000x1_s": growth[100_000],
+        f"ours_{frames}x{points}_s": many_s,
+        **{f"ours_{length}x1_s": seconds for length, seconds in growth.items()},
         "relative_cost_difference": abs(float(refinement.cost[0]) - cost) / cost,
         "max_correction_difference_px": float(np.abs(refinement.correction_px[:, 0] - correction).max()),
         "peak_memory_mb": peak_mb,

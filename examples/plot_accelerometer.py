@@ -6,11 +6,10 @@ videos run: the filter rings at the end of a recording, so the sensor records tw
     python examples/plot_accelerometer.py [FOLDER]
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
-from matplotlib.figure import Figure
+from gallery import BLUE, INK, VERMILION, finish, headline, new_figure, save
 
 from vfm_sdm.analysis.evaluation import read_sensors
 from vfm_sdm.analysis.evaluation.metrics import gain, nrmse_range
@@ -19,39 +18,46 @@ from vfm_sdm.signals.filters import band_pass
 from vfm_sdm.studies.synthetic.presets import preset
 from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
+BAND_HZ = (1.0, 10.0)
 MARGIN_S = 2.0
-RULES: tuple[Integration, ...] = ("trapezoid", "spline")
-
-folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
-folder.mkdir(parents=True, exist_ok=True)
+RULES: dict[Integration, str] = {"trapezoid": BLUE, "spline": VERMILION}
 
 # What the sensor records: columns time [s], lateral, vertical, longitudinal [g], on its own clock.
 plan = preset("data-2", "small")
 mounted = plan.accelerometers[1]
 position = [point.position for point in plan.points if point.name == mounted.point]
-recording = write_acceleration(
-    folder / "acceleration.csv",
-    mounted.sensor,
-    lambda time_s: plan.motion.acceleration(time_s, position)[:, 0],
-    duration_s=plan.duration_s + MARGIN_S - mounted.sensor.clock_offset_s,
-    seed=1,
-)
+with tempfile.TemporaryDirectory() as folder:
+    recording = write_acceleration(
+        Path(folder) / "acceleration.csv",
+        mounted.sensor,
+        lambda time_s: plan.motion.acceleration(time_s, position)[:, 0],
+        duration_s=plan.duration_s + MARGIN_S - mounted.sensor.clock_offset_s,
+        seed=1,
+    )
+    references = {rule: read_sensors([recording], settings=RecipeSettings(integration=rule)) for rule in RULES}
 
-figure = Figure(figsize=(8, 4), layout="constrained")
-axes = figure.add_subplot(xlabel="time of the video [s]", ylabel="vertical, positive down [mm]")
-for rule in RULES:
-    reference = read_sensors([recording], settings=RecipeSettings(integration=rule))
+figure = new_figure(10, 5.0)
+both, errors = figure.subplots(2, 1, sharex=True, height_ratios=(1.5, 1))
+for rule, reference in references.items():
     known = reference.dropna("time")
     rate_hz = float(reference.attrs["sampling_rate_hz"])
     measured_mm = known["displacement"].sel(axis="vertical").values[:, 0]
     true_time_s = mounted.sensor.true_time(known["time"].values)
     truth_mm = 1e3 * plan.motion.displacement(true_time_s, position)[:, 0, 1]
     filmed = true_time_s <= plan.duration_s
-    measured, truth = (band_pass(mm, rate_hz, (1.0, 10.0))[filmed] for mm in (measured_mm, truth_mm))
+    measured, truth = (band_pass(mm, rate_hz, BAND_HZ)[filmed] for mm in (measured_mm, truth_mm))
+    time_s = true_time_s[filmed]
+    both.plot(time_s, measured, color=RULES[rule], linewidth=1.5, label=f"{rule}")
     label = f"{rule}: gain {gain(measured, truth)[0]:.4f}, NRMSE {nrmse_range(measured, truth):.4f}"
-    axes.plot(true_time_s[filmed], measured, lw=0.9, label=label)
-axes.plot(true_time_s[filmed], truth, "k--", lw=0.9, label="truth")
-axes.set_title(f"{mounted.point}, {mounted.sensor.name}, 1 to 10 Hz")
-axes.legend()
-figure.savefig(folder / "accelerometer.png", dpi=120)
-print(f"written: {folder / 'accelerometer.png'}")
+    errors.plot(time_s, measured - truth, color=RULES[rule], linewidth=1.2, label=label)
+both.plot(time_s, truth, color=INK, linewidth=1.0, linestyle=(0, (2, 2)), label="truth")
+both.set_ylabel("vertical, positive down [mm]")
+both.legend(fontsize=8, frameon=False, loc="upper left")
+finish(both, f"{mounted.point}, sensor {mounted.sensor.name}, {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz")
+errors.set(xlabel="time of the video [s]", ylabel="less the truth [mm]", xlim=(time_s[0], time_s[-1]))
+errors.legend(fontsize=8, frameon=False, loc="upper left")
+finish(errors, "what is left")
+figure.align_ylabels([both, errors])
+
+headline(figure, "Displacement from an accelerometer, and what the rule of integration does to it")
+save(figure, __file__)

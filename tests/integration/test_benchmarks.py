@@ -1,6 +1,5 @@
 """Every script in ``benchmarks/`` runs at its smallest size, and ends with its figures as one line of JSON."""
 
-import json
 import os
 import re
 import subprocess
@@ -9,16 +8,18 @@ from pathlib import Path
 
 import pytest
 
+from benchmark_lines import read_last_line, without_unit
+
 ROOT = Path(__file__).parents[2]
 SMALLEST = {
-    "end_to_end": ["--frames", "12", "--repeats", "1"],
-    "refinement": ["--rounds", "1"],
+    "end_to_end": ["--frames", "20", "--repeats", "1"],
+    "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],
     "tracking": ["--frames", "4", "--slow-frames", "3", "--repeats", "1"],
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
-SLOW = {"end_to_end", "refinement"}
+SLOW = {"end_to_end"}
 ELSEWHERE = {"vggt": "test_benchmark_vggt.py", "vggt_costs": "no script, but what vggt counts with"}
-UNITS = re.compile(r"_(s|ms|mb|gb|px|mm|1|hz|per_s)$|ratio|error|share|processors|frames|points|difference|count")
+COLUMN = re.compile(r"(?<=\S)(?:  +|: +)(?=\S)")
 
 
 def test_every_script_is_here():
@@ -35,12 +36,25 @@ def test_a_benchmark_prints_a_table_and_its_figures(name, tmp_path):
         command, capture_output=True, text=True, cwd=tmp_path, env=os.environ, timeout=600, check=False
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    *table, last = done.stdout.splitlines()
-    figures = json.loads(last)
-    assert len(figures) >= 4
-    numbers = {key: value for key, value in figures.items() if isinstance(value, int | float)}
-    assert numbers
-    unnamed = [key for key in numbers if not UNITS.search(key)]
-    assert unnamed == [], "keys that name neither a unit nor a plain number"
-    assert sum(any(char.isdigit() for char in line) for line in table) >= 3
+    table, quantities = read_last_line(done.stdout)
+    assert len(quantities) >= 4
+    assert list(without_unit(quantities)) == []
+    # A table: rows of a name and numbers in columns, a heading among them or before them.
+    rows = [row for row in table if COLUMN.search(row)]
+    assert len(rows) >= 3, table
+    assert sum(bool(re.search(r"\d", row)) for row in rows) >= 2, table
+    assert max(map(len, table)) <= 140
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("quantities", "missing"),
+    [
+        ({"tracking_s": 1.0, "error_px": 0.1, "ratio": 2.0, "frames": 3}, []),
+        ({"tracking": 1.0}, ["tracking"]),
+        ({"paper": {"peak_memory": 4.0, "floor_s": 1.0}}, ["paper.peak_memory"]),
+        ({"frames_lost": 3, "reduced": True, "device": "CPU"}, ["frames_lost"]),
+    ],
+)
+def test_a_key_without_a_unit_is_noticed(quantities, missing):
+    assert list(without_unit(quantities)) == missing
