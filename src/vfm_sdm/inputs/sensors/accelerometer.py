@@ -110,8 +110,8 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
     Parameters
     ----------
     acceleration
-        Acceleration dataset (`vfm_sdm.core.datasets.make_acceleration`), shape (T, S, A) for S sensors and any number A
-        of axes [m/s2], gravity and bias included.
+        Acceleration dataset (`vfm_sdm.core.sensor_datasets.make_acceleration`), shape (T, S, A) for S sensors and any
+        number A of axes [m/s2], gravity and bias included.
     settings
         Constants of the recipe; those of the paper when left out.
 

@@ -69,7 +69,7 @@ def write_reference(path: Path | str, reference: xr.Dataset) -> Path:
     path
         File to write; replaced as a whole.
     reference
-        Displacement of the sensors [mm] (`vfm_sdm.core.datasets.make_reference`), shape (T, S, A).
+        Displacement of the sensors [mm] (`vfm_sdm.core.sensor_datasets.make_reference`), shape (T, S, A).
 
     Raises
     ------
