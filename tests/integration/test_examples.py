@@ -39,6 +39,8 @@ def test_there_are_examples():
     assert {"measure", "uncertainty_budget", "audit", "synchronization", "refinement", "camera_motion"} <= names
     assert {"accelerometer", "tracker_by_hand", "three_views"} <= names
     assert ON_THE_DEMO
+    listed = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert [example.name for example in EXAMPLES if f"| `{example.name}` |" not in listed] == []
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
