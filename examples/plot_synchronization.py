@@ -12,7 +12,7 @@ from gallery import BLUE, GREY, INK, VERMILION, finish, headline, new_figure, rm
 
 from vfm_sdm import Rig, compute_displacement
 from vfm_sdm.geometry.structure_frame import StructureFrame
-from vfm_sdm.stages.synchronize import align_views, estimate_view_lag
+from vfm_sdm.stages.synchronize import LagSearch, align_views, estimate_view_lag
 from vfm_sdm.studies.synthetic.presets import preset
 
 LATE_S = 0.2374
@@ -31,7 +31,7 @@ def seen(view: int, late_s: float, noise_px: float = 0.02):
 
 
 left, right = seen(0, 0.0), seen(1, LATE_S)
-found = estimate_view_lag(left, right, search_s=1.0)
+found = estimate_view_lag(left, right, search=LagSearch(search_s=1.0))
 
 figure = new_figure(10, 5.4)
 grid = figure.add_gridspec(2, 2, width_ratios=(1.3, 1))
