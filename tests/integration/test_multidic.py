@@ -74,8 +74,8 @@ def test_without_calibration_within_three_per_cent_and_inside_the_stated_scale(w
 
 
 def test_every_point_is_found_in_the_other_view(without_calibration):
-    states = without_calibration.cameras.point_status["202"]
-    assert set(states.values()) == {"ok"}
+    status = without_calibration.cameras.points["status"].sel(view="202")
+    assert set(status.values.tolist()) == {"ok"}
 
 
 def test_the_images_do_not_pull_the_focal_length_off_its_prior(without_calibration):
