@@ -16,7 +16,7 @@ from vfm_sdm.inputs.session import FirstFrames, open_views
 from vfm_sdm.stages.cameras.base import CameraEstimate, find_estimator
 from vfm_sdm.stages.cameras.chessboard.detection import board_points
 from vfm_sdm.stages.cameras.file import write_rig
-from vfm_sdm.stages.cameras.site import rig_difference
+from vfm_sdm.stages.cameras.site import compare_rigs
 
 ESTIMATORS = BUILT_IN["cameras"]
 NETWORKS = {name for name, part in ESTIMATORS.items() if part.needs is not None and part.needs.checkpoints}
@@ -148,13 +148,13 @@ def test_the_origin_is_certain(name, estimates):
 
 def test_truth_lies_within_the_stated_uncertainty(name, estimates, room):
     rig = estimates(name).rig
-    difference = rig_difference(room[0], rig)
+    difference = compare_rigs(room[0], rig)
     std = np.sqrt(np.diag(rig.covariance))
     assert (np.abs(difference) <= 4 * std + 1e-9).all()
 
 
 def test_pose_agrees_with_truth(name, estimates, room):
-    difference = rig_difference(room[0], estimates(name).rig)[-6:]
+    difference = compare_rigs(room[0], estimates(name).rig)[-6:]
     assert np.abs(difference[:3]).max() < np.radians(0.3)
     assert np.abs(difference[3:]).max() < 0.03 * BASELINE_M
 
@@ -190,7 +190,7 @@ def test_the_first_frame_is_the_reference_view(name, room, folder):
     found = asked(name, folder, rig, swapped, room).rig
     assert found.names == truth.names
     np.testing.assert_allclose(found.cameras[0].cam_from_world, np.eye(3, 4), atol=1e-12)
-    difference = rig_difference(truth, found)[-6:]
+    difference = compare_rigs(truth, found)[-6:]
     assert np.abs(difference[:3]).max() < np.radians(0.3)
     assert np.abs(difference[3:]).max() < 0.03 * BASELINE_M
 

@@ -40,9 +40,9 @@ def run_demo(folder: Path | str, *, seed: int = 1, progress: Progress | None = N
     folder
         Where to write.
     seed
-        Of everything random.
+        Seed of everything random.
     progress
-        Called with what is being done.
+        Called with each step's description.
     """
     recording, run_folder = Path(folder) / "recording", Path(folder) / "run"
     session = make_demo(recording, seed=seed, progress=progress)

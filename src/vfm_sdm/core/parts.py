@@ -20,22 +20,22 @@ __all__ = ["BUILT_IN", "KINDS", "Kind", "KindInfo", "Needs", "Part", "PartSettin
 Kind = Literal["trackers", "cameras", "matchers", "features", "writers", "checks"]
 
 Requirement = Literal["baseline", "camera files", "chessboard"]
-"""What a session must state for a camera estimator: ``site.baseline``, a ``camera`` file for every view, or the table
-``[chessboard]``."""
+"""Entry that a session must have for a camera estimator: ``site.baseline``, a ``camera`` file for every view, or the
+table ``[chessboard]``."""
 
 
 @dataclass(frozen=True)
 class KindInfo:
-    """What is the same for all parts of a kind.
+    """Properties that all parts of a kind have in common.
 
     Parameters
     ----------
     word
-        What messages call such a part; of parts that a session names, the word of ``[method]``.
+        Word for such a part in messages; for parts that a session names, the word of ``[method]``.
     title
-        What a list of them is called.
+        Title of a list of such parts.
     group
-        Entry-point group in which other packages announce theirs.
+        Entry-point group in which other packages announce their parts.
     field
         Dotted field of ``[method]`` that names the part to use; empty where a session names none.
     calls
@@ -71,16 +71,16 @@ class PartSettings(BaseModel):
 
 @dataclass(frozen=True)
 class Needs:
-    """What a part needs beyond the core.
+    """Packages and weights that a part needs beyond the core.
 
     Parameters
     ----------
     extra
-        Of this package, which brings the packages; empty where they come otherwise.
+        Extra of this package that installs the packages; empty where they are installed otherwise.
     packages
-        Names to import.
+        Names of the packages to import.
     checkpoints
-        Registered weights that it can run with as it is set by default, the preferred one first; any of them will do.
+        Registered weights with which the part can run in its default settings, the preferred one first; one is enough.
     """
 
     extra: str
@@ -90,31 +90,31 @@ class Needs:
 
 @dataclass(frozen=True)
 class Part:
-    """Where a part is, and what others have to know of it.
+    """Location of a part, with what others have to know about it.
 
     Parameters
     ----------
     target
-        ``module:attribute`` of its class or function; empty where whoever asks for it has it built in.
+        ``module:attribute`` of the part's class or function; empty where the calling code has it built in.
     reads
-        Fields of ``[method]`` in a session that it reads: ``subset_px``, or ``network.weights`` for one key of a table.
-        Its constructor takes the fields, or whole tables, by their names; keys of a table that are not declared have
-        their defaults there.
+        Fields of ``[method]`` in a session that the part reads: ``subset_px``, or ``network.weights`` for one key of a
+        table. Its constructor takes the fields, or whole tables, by their names; keys of a table that are not declared
+        have their defaults there.
     fixed
-        Arguments that come with its name.
+        Arguments of the constructor that belong to the part's name.
     made_of
-        Kind and name of the parts that it is made of; their needs and what they read are its own, too.
+        Kind and name of the parts of which it is made; their needs and the fields that they read are its own, too.
     chooses
-        Kinds of which the session names a part for it; the constructor takes it by the name of the kind.
+        Kinds of which the session names a part for this one; the constructor takes it by the name of the kind.
     settings
-        ``module:attribute`` of the model of its own table ``[method.NAME]``, a `PartSettings`, which the constructor
-        takes as ``settings``; empty where it has none.
+        ``module:attribute`` of the model of the part's own table ``[method.NAME]``, a `PartSettings`, which the
+        constructor takes as ``settings``; empty where it has none.
     needs
-        Packages and weights.
+        Packages and weights that the part needs.
     requires
-        What the session must state.
+        Entries that the session must have.
     distribution
-        Name and version of the package that brings it, such as ``strange-trackers 1.2``; empty for this one's.
+        Name and version of the package with the part, such as ``strange-trackers 1.2``; empty for this package's.
     """
 
     target: str

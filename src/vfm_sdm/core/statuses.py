@@ -1,6 +1,6 @@
-"""Every status of the package: why there is no result, or why it should not be trusted; ``ok`` says that it can be.
+"""Every status of the package: the reason why there is no result or why it should not be trusted, else ``ok``.
 
-Each is text, as files and summaries hold it; the codes of samples that arrays hold are `vfm_sdm.core.datasets.Status`.
+Each is text as in files and summaries; the codes of samples in arrays are `vfm_sdm.core.datasets.Status`.
 """
 
 from enum import StrEnum
@@ -20,7 +20,7 @@ __all__ = [
 
 
 class SampleStatus(StrEnum):
-    """What a sample of a track or of a displacement is worth; their order is that of the codes."""
+    """Status of a sample of a track or of a displacement; the members are in the order of the codes."""
 
     OK = "ok"
     """Found and trusted."""
@@ -29,16 +29,16 @@ class SampleStatus(StrEnum):
     OUTSIDE = "outside"
     """Left the image; NaN."""
     UNRELIABLE = "unreliable"
-    """Found, but with poor resemblance or uncertainty; the value stands, use with care."""
+    """Found, but with low correlation or large uncertainty; the value is kept, to be used with care."""
     BEHIND = "behind_camera"
     """Triangulated behind a camera: the rays do not meet in front of both; NaN. In displacement only."""
 
 
 class RecordingStatus(StrEnum):
-    """How a pass over a recording ended."""
+    """Status of a pass over a recording at its end."""
 
     OK = "ok"
-    """All that was asked for was read."""
+    """All requested frames were read."""
     TRUNCATED = "truncated"
     """The file ends early."""
     CORRUPT = "corrupt"
@@ -48,18 +48,18 @@ class RecordingStatus(StrEnum):
 
 
 class PointStatus(StrEnum):
-    """Where a named point is in a view."""
+    """Status of a named point's position in a view."""
 
     OK = "ok"
     NOT_LOOKED_FOR = "not looked for"
-    """Nobody named it there, and no search was made."""
+    """The session gives no pixel there, and no search was made."""
     NOT_FOUND = "not found in the other view"
     AMBIGUOUS = "several places look alike"
     NOT_RETURNED = "the way back ends elsewhere"
 
 
 class CameraStatus(StrEnum):
-    """What cameras are worth; other packages' estimators may have others."""
+    """Status of estimated cameras; estimators of other packages may have further ones."""
 
     OK = "ok"
     ONE_VIEW = "one view: motion in the image plane only"
@@ -71,50 +71,50 @@ class CameraStatus(StrEnum):
     ONE_PLACE = "VGGT put the first two cameras in one place"
     NOT_RECONSTRUCTED = "structure from motion did not converge"
     DISAGREE = "priors and images disagree"
-    """Some quantity left its prior or its measured value by more than three standard deviations."""
+    """A quantity differs from its prior or measured value by more than three standard deviations."""
     NOT_IDENTIFIABLE = "focal length not determined"
     """No focal prior and nothing measured on site that fixes the focal length: displacement has no usable scale."""
     UNKNOWN_DISTANCE = "distance of a further camera not determined"
-    """Too few points that three views see, and nothing measured, tell how far a third camera stands."""
+    """Too few points are seen in three views, and nothing was measured, to determine the distance of a third camera."""
     NOT_CONVERGED = "site adjustment did not converge"
 
 
 class BoardStatus(StrEnum):
-    """Why a pair of pictures of a chessboard is left out."""
+    """Reason why a pair of pictures of a chessboard is left out."""
 
     AMBIGUOUS_ORDER = "order of the corners ambiguous: the board may be turned in one view"
     INCONSISTENT_POSE = "board pose disagrees with the other pairs in every order of the corners"
 
 
 class CameraMotionStatus(StrEnum):
-    """What became of a view in which static points show the camera's motion; the first two change its tracks."""
+    """Result of the removal of camera motion in a view; with the first two its tracks are changed."""
 
     OK = "ok"
     """Static points, each predicted by the others, scatter less."""
     ONE_POINT = "one static point"
     """The motion was removed, but nothing shows that the point did not move itself."""
     STILL = "still"
-    """The static points shift no more than their noise, or each for itself."""
+    """The static points move no more than their noise, or not together."""
     NO_GAIN = "no gain"
-    """They shift together, but not as a moving camera would make them."""
+    """The static points move together, but not as with a moving camera."""
     NO_POINTS = "no static points"
-    """None has a known depth."""
+    """No static point has a known depth."""
 
 
 class ClockStatus(StrEnum):
-    """What a lag between two clocks is worth; with every status but `OK` and `STATED` there is none."""
+    """Status of a lag between two clocks; with every status but `OK` and `STATED` there is no lag."""
 
     OK = "ok"
     STATED = "as stated"
-    """The session's offset was taken, because nobody asked the motion."""
+    """The session's offset was used, because no estimate from the motion was requested."""
     NOT_UNIQUE = "peak not unique"
     """Other lags explain the recordings as well within the noise, as with periodic motion."""
     NO_MOTION = "no common motion"
-    """At no lag of the search are the recordings more alike than unrelated noise is: still, or another motion."""
+    """At no lag of the search are the recordings more alike than unrelated noise: no motion, or different motion."""
     TOO_SHORT = "too short"
     """No lag of the search leaves enough common samples."""
     TOO_SLOW = "too few samples a second for the band"
-    """Sampling shows no motion of the band: pictures taken one by one, for example."""
+    """The sampling is too slow for motion in the band, for example with pictures taken one by one."""
     AT_EDGE = "peak at the edge of the search"
     """The best lag may lie outside the search."""
     NOT_CONVERGED = "not converged"
@@ -122,33 +122,33 @@ class ClockStatus(StrEnum):
 
 
 class RefinementStatus(StrEnum):
-    """What became of a point in the refinement; with every status but `OK` its tracks are as they were."""
+    """Result of the refinement of a point; with every status but `OK` its tracks are unchanged."""
 
     OK = "ok"
     BOTH_POOR = "both views poor"
     """No view tracks it well enough to serve as the reference."""
     UNKNOWN = "uncertainty unknown"
-    """Its covariances do not tell which view is the poorer; name one."""
+    """The point's covariances do not show which view is the poorer; name one."""
     TOO_FEW_FRAMES = "too few frames"
-    """Fewer than three are triangulated."""
+    """Fewer than three frames are triangulated."""
     NO_STILL_FRAMES = "no still frames"
-    """None of them lies in the still interval."""
+    """No triangulated frame lies in the still interval."""
     NOT_CONVERGED = "not converged"
     """The iteration found no minimum."""
 
 
 class Outcome(StrEnum):
-    """How a check of the audit ended."""
+    """Result of a check of the audit."""
 
     PASS = "pass"
     CAUTION = "caution"
     FAIL = "fail"
     NOT_POSSIBLE = "not possible"
-    """Something that it needs was not measured or not filmed; the sentence says what."""
+    """A measurement or recording that the check needs is missing; the sentence names it."""
 
 
 class Verdict(StrEnum):
-    """What the checks of the audit add up to."""
+    """Overall result of the audit's checks."""
 
     FIT = "fit to use"
     CARE = "use with care"

@@ -1,4 +1,4 @@
-"""Which back ends can run here: the packages and weights each needs, and what to do where one is missing."""
+"""Availability of back ends: the packages and weights that each needs, and advice where one is missing."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,16 +21,26 @@ _TITLES = {"torch": "PyTorch"}
 
 
 def why_unavailable(kind: Kind, name: str) -> str | None:
-    """Why a back end cannot run here and what to do, in one line; ``None`` when it can.
+    """Reason why a back end cannot run here and what to do, in one line; ``None`` when it can.
 
     Parameters
     ----------
     kind, name
-        Of the back end; of a combination such as ``vggt+icgn`` every part has to run.
+        Kind and name of the back end. Every part of a combination such as ``vggt+icgn`` has to run.
+
+    Returns
+    -------
+    reason
+        Sentence for the user; ``None`` when the back end can run.
 
     Notes
     -----
-    Imports nothing of this package and reads no weights, so that a list of all back ends costs nothing.
+    The back ends are not imported and no weights are read, so that a list of all back ends is fast.
+
+    Examples
+    --------
+    >>> print(why_unavailable("trackers", "icgn"))
+    None
     """
     for needs in _needs(kind, name):
         for package in needs.packages:
@@ -45,24 +55,27 @@ def why_unavailable(kind: Kind, name: str) -> str | None:
 
 
 def choose_weights(kind: Kind, name: str, wanted: str | None) -> Path:
-    """The file of weights that a back end runs with.
+    """File of weights that a back end runs with.
+
+    A checkpoint whose licence was acknowledged is fetched now, on its first use.
 
     Parameters
     ----------
     kind, name
-        As in `why_unavailable`.
+        Kind and name of the back end.
     wanted
-        Name of a checkpoint or a file, for all networks of a session. A checkpoint of another network says nothing
-        here; then, and when ``None``, the back end takes its own (`default_checkpoint`).
+        Name of a checkpoint, or a file, for all networks of a session. A checkpoint of another network is ignored;
+        then, and when ``None``, the back end takes its own (`default_checkpoint`).
+
+    Returns
+    -------
+    path
+        File of the weights.
 
     Raises
     ------
     BackendUnavailableError
         The weights are not here, and nobody has acknowledged their licence or they cannot be fetched.
-
-    Notes
-    -----
-    A checkpoint whose licence was acknowledged is fetched now, on its first use.
     """
     chosen = default_checkpoint(kind, name)
     if wanted and not (wanted in CHECKPOINTS and CHECKPOINTS[wanted].network != CHECKPOINTS[chosen].network):

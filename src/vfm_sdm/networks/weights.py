@@ -111,7 +111,7 @@ def fetch_weights(
     accept_licence
         Acknowledges the licence of these weights; remembered beside them, so that it is needed once.
     token
-        Of Hugging Face, for gated checkpoints; without one the stored login or ``HF_TOKEN`` is used.
+        Access token of Hugging Face, for gated checkpoints; without one the stored login or ``HF_TOKEN`` is used.
     progress
         Called with the checkpoint's name, the bytes that have arrived and those of the whole file.
 

@@ -24,19 +24,19 @@ def interpolate_runs(
     longest_step_s
         A longer step between two stamps ends a run too.
     degree
-        Of the splines, odd; 1 draws straight lines.
+        Degree of the splines, odd; 1 gives straight lines.
 
     Returns
     -------
     resampled
-        Shape (T', C), in the unit of the values.
+        Values at the wanted times, shape (T', C), in the unit of the values; NaN between the runs.
 
     Notes
     -----
-    A run too short for the degree gets the largest odd one that it has samples for. Half-way between two samples, a
-    spline of fifth degree draws a sine of frequency f sampled at rate F with the gain (1 - x) / (1 + x),
-    x = (f / (F - f))^6: 0.05 % low at 0.4 of the Nyquist frequency, 1.5 % at 0.6; nearer to a sample less. A cubic
-    spline has the power 4 and 0.8 %.
+    A run too short for the degree gets the largest odd degree for which it has enough samples. Half-way between two
+    samples, a spline of fifth degree reproduces a sine of frequency f sampled at rate F with the gain
+    (1 - x) / (1 + x), x = (f / (F - f))^6: 0.05 % low at 0.4 of the Nyquist frequency, 1.5 % at 0.6, and less nearer to
+    a sample. A cubic spline has the power 4 and is 0.8 % low at 0.4 of the Nyquist frequency.
 
     Examples
     --------

@@ -91,24 +91,24 @@ class Network(Entry):
     """Settings of the back ends that run a network: ``vggt``, ``tapir`` and what builds on them."""
 
     weights: Name | None = None
-    """Name of a checkpoint (``vfm-sdm weights list``), or its file; the back end's own where nothing is said."""
+    """Name of a checkpoint (``vfm-sdm weights list``), or its file; the back end's own by default."""
     preset: Literal["fast", "paper"] = "fast"
-    """How VGGT sees a recording: ``paper`` pads patches and streams overlapping chunks as the paper does, ``fast``
-    takes small chunks that all begin with the reference frame."""
+    """Division of a recording into VGGT's inputs: ``paper`` pads patches and streams overlapping chunks as the paper
+    does, ``fast`` takes small chunks that all begin with the reference frame."""
     device: Name = "auto"
-    """Where it runs, in PyTorch's words; a GPU where there is one."""
+    """Name of PyTorch's device; a GPU by default where there is one."""
     precision: Precision = "auto"
-    """Of VGGT's matrix products; bfloat16 on GPUs by default. TAPIR always runs in float32."""
+    """Precision of VGGT's matrix products; bfloat16 on GPUs by default. TAPIR always runs in float32."""
 
 
 class Sfm(Entry):
-    """Settings of the cameras ``sfm``: what is matched, and by whom."""
+    """Settings of the camera estimator ``sfm``: features and their matcher."""
 
     features: Annotated[str, _named("features")] = "sift"
     matcher: Literal["superglue", "lightglue"] | None = None
-    """Who matches SuperPoint's features: SuperGlue where nothing is said, as in the paper."""
+    """Matcher of SuperPoint's features; SuperGlue by default, as in the paper."""
     model: Name | None = None
-    """Folder of the matcher's checkpoint; the published one from the download cache where nothing is said."""
+    """Folder of the matcher's checkpoint; the published one in the download cache by default."""
 
     @model_validator(mode="after")
     def _learned(self) -> Self:

@@ -75,18 +75,18 @@ class Length(Entry):
 
 
 class Site(Entry):
-    """What a tape measure, a laser or the drawings gave."""
+    """Lengths that a tape measure, a laser or the drawings gave, and level readings."""
 
     baseline: _Distance | None = None
-    """Between the optical centres of the first two views."""
+    """Distance between the optical centres of the first two views."""
     perpendicular_distance: _Distance | None = None
-    """From the reference camera to the structure's face, at a right angle to it."""
+    """Distance from the reference camera to the structure's face, at a right angle to it."""
     longitudinal_distance: Measured | None = None
-    """Along the structure, from the foot of that perpendicular to the centre of the reference view."""
+    """Distance along the structure, from the foot of that perpendicular to the centre of the reference view."""
     structure_side: Literal["right", "left"] = "right"
     """Side of the reference camera on which the structure's face lies, for an observer looking where it looks."""
     face_offset_std: Positive = 0.1
-    """How far points may lie off the face whose distance was measured, standard deviation [m]."""
+    """Standard deviation of the distance of points from the face whose distance was measured [m]."""
     reference_camera_level: Level | None = None
     range: tuple[Range, ...] = ()
     length: tuple[Length, ...] = ()

@@ -1,4 +1,4 @@
-"""What a camera estimator is, what it returns, and how one is found by name; `vfm_sdm.core.parts` lists them."""
+"""Interface of camera estimators, their result, and the look-up of one by name; `vfm_sdm.core.parts` lists them."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -19,11 +19,11 @@ class CameraEstimate:
     Parameters
     ----------
     rig
-        Cameras in the order of the session's views, the first one the reference. ``rig.covariance`` is ordered as
-        `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, ten parameters a camera. ``None`` where the images did not allow
-        an estimate; the status says why.
+        Cameras in the order of the session's views; the first one is the reference camera. ``rig.covariance`` is
+        ordered as `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, ten parameters a camera. ``None`` where the images did
+        not allow an estimate; the status says why.
     matches
-        What was matched between views, for later adjustment; empty where the estimator matched nothing.
+        Matches between pairs of views, for the adjustment to the site; empty where the estimator matched nothing.
     status
         ``"ok"``, or the name of what makes the estimate doubtful or impossible.
     notes
@@ -37,7 +37,7 @@ class CameraEstimate:
 
 
 class CameraEstimator(Protocol):
-    """Finds the cameras of a session's views."""
+    """Part that finds the cameras of a session's views."""
 
     name: str
 
@@ -47,10 +47,15 @@ class CameraEstimator(Protocol):
         Parameters
         ----------
         session
-            The measurement session.
+            Measurement session.
         frames
-            First frame of each view by view name, in the session's order; a mapping of luma, shape (H, W) each, that
-            yields colours where asked.
+            First frame of each view by view name, in the session's order; a mapping of brightness, shape (H, W) each,
+            that also gives the colours.
+
+        Returns
+        -------
+        estimate
+            Cameras, their matches, and a status.
 
         Raises
         ------
@@ -61,7 +66,17 @@ class CameraEstimator(Protocol):
 
 
 def estimator_of(method: Method) -> CameraEstimator:
-    """The camera estimator that a session asks for, with the session's settings.
+    """Camera estimator that a session asks for, with the session's settings.
+
+    Parameters
+    ----------
+    method
+        Section ``[method]`` of the session.
+
+    Returns
+    -------
+    estimator
+        Estimator of the name ``method.cameras``.
 
     Raises
     ------
@@ -73,12 +88,29 @@ def estimator_of(method: Method) -> CameraEstimator:
 
 
 def find_estimator(name: str, **options: Any) -> CameraEstimator:
-    """The camera estimator of this name, made with the given options.
+    """Camera estimator of this name, made with the given options.
+
+    Parameters
+    ----------
+    name
+        Name of the estimator.
+    options
+        Keyword arguments of the estimator's class.
+
+    Returns
+    -------
+    estimator
+        Estimator with these options.
 
     Raises
     ------
     BackendUnavailableError
         No estimator has this name, or it cannot run here.
+
+    Examples
+    --------
+    >>> find_estimator("chessboard", refine_px=5).name
+    'chessboard'
     """
     estimator: CameraEstimator = find("cameras", name).make(**options)
     return estimator

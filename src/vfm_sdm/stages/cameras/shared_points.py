@@ -1,7 +1,7 @@
-"""Scene points that three views or more see: chained from the matches of pairs, weighed by what they say together.
+"""Scene points that three views or more see, chained from the matches of pairs, and their reprojection errors.
 
-The epipolar lines of pairs do not tell how far a third camera stands when it is in a row with the other two: moved
-along the row, it keeps all of them. Only rays of three views through one point do.
+The epipolar lines of pairs do not determine the distance of a third camera in a row with the other two: a move along
+the row leaves all of them as they are. The rays of three views through one point determine it.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ class SharedPoints:
     views
         Indices of the views in the rig.
     pixels
-        Shape (views, N, 2) [px].
+        Pixels of the N points in these views, shape (views, N, 2) [px].
     """
 
     views: tuple[int, ...]
@@ -34,18 +34,47 @@ class SharedPoints:
 
     @property
     def constraints(self) -> int:
-        """How many independent equations the rays of one point give on the cameras."""
+        """Number of independent equations on the cameras that the rays of one point give."""
         return 2 * len(self.views) - 3
 
     def thinned(self, chosen: IntArray) -> "SharedPoints":
-        """The points of these indices."""
+        """Points of these indices.
+
+        Parameters
+        ----------
+        chosen
+            Indices of the points, shape (M,).
+
+        Returns
+        -------
+        points
+            M points in the same views.
+
+        Examples
+        --------
+        >>> points = SharedPoints((0, 1, 2), np.zeros((3, 5, 2)))
+        >>> points.constraints, points.thinned(np.array([0, 4])).pixels.shape
+        (3, (3, 2, 2))
+        """
         return SharedPoints(self.views, self.pixels[:, chosen])
 
     def errors(self, rig: Rig) -> FloatArray:
-        """Reprojected less seen pixels of the triangulated points, shape (N, 2 views) [px].
+        """Reprojected minus seen pixels of the triangulated points.
 
-        Their squares sum up to a chi-square of `constraints` degrees of freedom where every pixel coordinate has
-        independent noise of one pixel. NaN where a point has no place in front of all views.
+        Parameters
+        ----------
+        rig
+            Cameras of all views.
+
+        Returns
+        -------
+        errors
+            Errors in all views, shape (N, 2 views) [px]; NaN where a point has no position in front of all views.
+
+        Notes
+        -----
+        Where every pixel coordinate has independent noise of one pixel, the sum of a point's squared errors has a
+        chi-square distribution with `constraints` degrees of freedom.
         """
         part = Rig(tuple(rig.names[v] for v in self.views), tuple(rig.cameras[v] for v in self.views))
         points3d = triangulate(self.pixels, part)
@@ -54,24 +83,34 @@ class SharedPoints:
 
 
 def chain_matches(matches: Sequence[Matches]) -> tuple[list[Matches], list[SharedPoints]]:
-    """Matches that hang together through a pixel of a common view, as points of several views.
+    """Matches that are connected through a pixel of a common view, as points of several views.
 
     Parameters
     ----------
     matches
-        Matches of pairs of views; a feature that is matched in several pairs has the same pixel, to the last digit.
+        Matches of pairs of views; a feature that is matched in several pairs has exactly the same pixel [px] in them.
 
     Returns
     -------
     pairs
-        The matches of features that two views see, one for each of ``matches``.
+        Matches of features that two views see, one item for each of ``matches``.
     shared
-        The others, by the views that see them. Chains with two pixels in one view are wrong somewhere and stay pairs.
+        Points that three views or more see, grouped by these views. Chains with two pixels in one view contain a wrong
+        match; their matches stay pairs.
+
+    Examples
+    --------
+    >>> a, b, c = (np.array([[u, 5.0], [u, 9.0]]) for u in (1.0, 2.0, 3.0))
+    >>> pairs, shared = chain_matches([Matches(0, 1, a, b), Matches(1, 2, b[:1], c[:1])])
+    >>> [len(pair.points_first) for pair in pairs]
+    [1, 0]
+    >>> [(points.views, points.pixels[:, 0].tolist()) for points in shared]
+    [((0, 1, 2), [[1.0, 5.0], [2.0, 5.0], [3.0, 5.0]])]
     """
     if len(matches) < 2:
         return list(matches), []
     offsets = np.cumsum([0, *(2 * len(m.points_first) for m in matches)])
-    features = [_features(m) for m in matches]
+    features = [_list_features(m) for m in matches]
     number = np.unique(np.concatenate(features), axis=0, return_inverse=True)[1].ravel()
     chains = _Chains(int(number.max(initial=-1)) + 1)
     ends = []
@@ -81,7 +120,7 @@ def chain_matches(matches: Sequence[Matches]) -> tuple[list[Matches], list[Share
         ends.append(first)
         for a, b in zip(first.tolist(), second.tolist(), strict=True):
             chains.join(a, b)
-    whole = _whole_chains(np.concatenate(features), number, chains)
+    whole = _find_whole_chains(np.concatenate(features), number, chains)
     shared: dict[tuple[int, ...], list[FloatArray]] = {}
     for by_view in whole.values():
         views = tuple(sorted(by_view))
@@ -94,31 +133,31 @@ def chain_matches(matches: Sequence[Matches]) -> tuple[list[Matches], list[Share
 
 
 class _Chains:
-    """Sets of numbered features that are joined two by two."""
+    """Disjoint sets of numbered features."""
 
     def __init__(self, count: int) -> None:
         self._parent = list(range(count))
 
     def root(self, feature: int) -> int:
-        """What tells the set of a feature from others."""
+        """Feature that represents the set of this feature."""
         while self._parent[feature] != feature:
             self._parent[feature] = self._parent[self._parent[feature]]
             feature = self._parent[feature]
         return feature
 
     def join(self, a: int, b: int) -> None:
-        """Makes the sets of two features one."""
+        """Unite the sets of two features."""
         self._parent[self.root(a)] = self.root(b)
 
 
-def _features(matches: Matches) -> FloatArray:
+def _list_features(matches: Matches) -> FloatArray:
     """View and pixel of both ends, first ends first, shape (2 N, 3)."""
     sides = ((matches.first, matches.points_first), (matches.second, matches.points_second))
     return np.concatenate([np.column_stack([np.full(len(points), view), points]) for view, points in sides])
 
 
-def _whole_chains(features: FloatArray, number: IntArray, chains: _Chains) -> dict[int, dict[int, FloatArray]]:
-    """By root, the pixel in each view of chains through three views or more that have one pixel in each."""
+def _find_whole_chains(features: FloatArray, number: IntArray, chains: _Chains) -> dict[int, dict[int, FloatArray]]:
+    """Pixel in each view, by root, of chains through three views or more that have one pixel in each."""
     chosen = np.unique(number, return_index=True)[1]
     found: dict[int, list[FloatArray]] = {}
     for feature, row in enumerate(chosen.tolist()):

@@ -1,9 +1,10 @@
 """Adjustment of cameras to everything measured on site: one least-squares problem, every quantity with its std.
 
-What two views of one spot cannot tell (their focal lengths above all) must come from the lens or from the tape.
-Lens priors, image matches, baseline, distances, ranges, lengths and level readings enter with their standard
-deviations; what is not modelled (principal point, radial distortion, how far points lie off the face) is a nuisance
-parameter with a prior. See `vfm_sdm.stages.cameras.site_problem` for the observation equations.
+Two views of one structure do not determine everything, above all not their focal lengths: these must come from the
+lens or from lengths measured on site. Lens priors, image matches, baseline, distances, ranges, lengths and level
+readings enter with their standard deviations. Quantities that are only roughly known (principal point, radial
+distortion, distance of points from the face) are nuisance parameters with a prior. See
+`vfm_sdm.stages.cameras.site_problem` for the observation equations.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,29 +22,35 @@ from vfm_sdm.inputs.session import Site
 from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["SiteAdjustment", "SiteQuantity", "adjust_to_site"]
+__all__ = ["SiteAdjustment", "SiteQuantity", "adjust_to_site", "compare_rigs"]
 
 _DISAGREEMENT_STD = 3.0
 _DETERMINED = 0.9
-"""A quantity counts as determined by the data when its std fell below this share of its prior std."""
+"""A quantity counts as determined by the data when its std is below this share of its prior std."""
 _USABLE_FOCAL_STD = 0.1
 _USABLE_DISTANCE_STD = 0.1
 
 
 @dataclass(frozen=True)
 class SiteQuantity:
-    """One adjusted quantity beside what was known of it before.
+    """Adjusted quantity beside its prior or measured value.
 
     Parameters
     ----------
     name, units
-        For example ``focal left`` in ``px``.
+        Name and unit, for example ``focal left`` and ``px``.
     prior, prior_std
-        Prior or measured value and its standard deviation.
+        Prior or measured value and its standard deviation [units].
     value, std
-        Adjusted value and its standard deviation.
+        Adjusted value and its standard deviation [units].
     measured
-        Whether it is a reading on site; else a parameter with a prior.
+        Whether the quantity is a reading on site; else it is a parameter with a prior.
+
+    Examples
+    --------
+    >>> baseline = SiteQuantity("baseline", "m", prior=3.0, prior_std=0.01, value=3.02, std=0.008, measured=True)
+    >>> round(baseline.deviation, 3), baseline.determined
+    (2.0, True)
     """
 
     name: str
@@ -56,12 +63,12 @@ class SiteQuantity:
 
     @property
     def deviation(self) -> float:
-        """Distance of the adjusted value from the prior, in prior standard deviations."""
+        """Distance of the adjusted value from the prior [prior standard deviations]."""
         return abs(self.value - self.prior) / self.prior_std
 
     @property
     def determined(self) -> bool:
-        """Whether the other data say more about the quantity than its own prior does."""
+        """Whether the other data reduced the standard deviation of the quantity noticeably below its prior one."""
         return self.std < _DETERMINED * self.prior_std
 
 
@@ -72,18 +79,19 @@ class SiteAdjustment:
     Parameters
     ----------
     rig
-        Adjusted rig, metric when a length was measured, with the covariance of its parameters.
+        Adjusted cameras, metric when a length was measured, with the covariance of its parameters.
     frame
-        The structure's axes; ``None`` when the two distances were not measured.
+        Axes of the structure; ``None`` when the two distances were not measured.
     covariance
-        Joint covariance of the rig's parameters and of a small rotation vector of the axes,
-        shape (10 V + 3, 10 V + 3).
+        Joint covariance of the rig's parameters, in the order and units of
+        `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, and of a small rotation vector of the axes [rad], shape
+        (10 V + 3, 10 V + 3).
     quantities
-        What was adjusted, with prior and result.
+        Adjusted quantities with prior and result.
     status
         ``ok`` or a named reason not to trust the result.
     notes
-        Sentences for the summary: what disagrees, what the data could not determine.
+        Sentences for the summary about quantities that disagree or that the data could not determine.
     epipolar_rms_px
         Root mean square epipolar error of the matches after the adjustment [px]; NaN without matches.
     """
@@ -111,18 +119,24 @@ def adjust_to_site(
     Parameters
     ----------
     rig
-        Its ``covariance`` is the prior of its parameters; a parameter with zero variance is held fixed.
+        Start of the cameras. Its ``covariance`` is the prior of its parameters; a parameter with zero variance is held
+        fixed.
     matches
         Matches between its views; may be empty.
     site
-        What was measured on site.
+        Lengths and readings that were measured on site.
     points
-        Named points' pixels, shape (V, 2) each, NaN where one of more than two views does not see a point; ranges and
-        lengths refer to them.
+        Pixels of the named points in every view, shape (V, 2) each [px], NaN where one of more than two views does not
+        see a point; ranges and lengths refer to them.
     face_points
         Names of those points that lie on the structure's face, whose perpendicular distance was measured.
     levels
-        Pitch, roll and their standard deviation [rad] of views other than the reference.
+        Pitch, roll and their standard deviation [rad] of views other than the reference view.
+
+    Returns
+    -------
+    adjustment
+        Cameras and structural axes with their joint covariance.
 
     Raises
     ------
@@ -131,42 +145,45 @@ def adjust_to_site(
 
     Notes
     -----
-    Gauss-Markov model with priors, solved in whitened parameters by a trust-region Gauss-Newton method; the
-    covariance is the inverse normal matrix at the solution, not rescaled by the residuals. Matches have errors that
-    are correlated over the image, so that thousands of them carry the weight of a few dozen: see `SiteProblem`.
+    With whitened parameters z, whose prior is a standard normal distribution, and residuals r(z) over their standard
+    deviations, the adjustment minimises |z|^2 + |r(z)|^2 by a trust-region Gauss-Newton method. The covariance of z is
+    (I + J'J)^-1 with J the derivative of r at the solution; it is not scaled by the residuals, and is carried to the
+    parameters of the rig by central differences. Errors of matches are correlated over the image, so that thousands of
+    them carry the weight of a few dozen: see `vfm_sdm.stages.cameras.site_problem.SiteProblem`.
     """
     problem = SiteProblem(rig, matches, site, points or {}, face_points=face_points, levels=levels or {})
-    solution = _solve(problem, np.zeros(problem.size))
+    solution = _minimize_residuals(problem, np.zeros(problem.size))
     if problem.cell_rms(solution.x) > problem.match_std_px:
-        # The camera model leaves out more than was allowed for: the matches get the weight that they deserve.
+        # The errors of the camera model exceed the assumed standard deviation: the matches get less weight.
         problem.match_std_px = problem.cell_rms(solution.x)
-        solution = _solve(problem, solution.x)
+        solution = _minimize_residuals(problem, solution.x)
     # Every parameter has a prior of unit weight, so the normal matrix is never singular.
     jacobian = np.asarray(solution.jac)
     whitened = np.linalg.inv(jacobian.T @ jacobian)
     rig = problem.rig(solution.x)
-    joint = _joint_covariance(problem, solution.x, whitened)
+    joint = _compute_covariance(problem, solution.x, whitened)
     count = len(CAMERA_PARAMETERS) * len(rig)
     metric = rig.metric or site.baseline is not None
     rotation = problem.structure_rotation(solution.x)
     frame = StructureFrame(rotation, joint[count:, count:]) if problem.has_axes else None
     rig = Rig(rig.names, rig.cameras, metric, joint[:count, :count])
-    quantities = _quantities(problem, solution.x, whitened)
-    status, notes = _verdict(quantities, problem, bool(solution.success))
+    quantities = _list_quantities(problem, solution.x, whitened)
+    status, notes = _judge(quantities, problem, bool(solution.success))
     return SiteAdjustment(rig, frame, joint, quantities, status, notes, problem.epipolar_rms(solution.x))
 
 
-def _solve(problem: SiteProblem, start: FloatArray) -> OptimizeResult:
+def _minimize_residuals(problem: SiteProblem, start: FloatArray) -> OptimizeResult:
+    """Least-squares solution of the problem in whitened parameters."""
     return least_squares(problem.residuals, start, jac=problem.jacobian, xtol=1e-7, ftol=1e-7, max_nfev=100)
 
 
-def _joint_covariance(problem: SiteProblem, solution: FloatArray, whitened: FloatArray) -> FloatArray:
+def _compute_covariance(problem: SiteProblem, solution: FloatArray, whitened: FloatArray) -> FloatArray:
     """Covariance of rig parameters and axes rotation, relative to the solution, by central differences."""
     centre_rig, centre_axes = problem.rig(solution), problem.structure_rotation(solution)
 
     def outputs(z: FloatArray) -> FloatArray:
         turn = Rotation.from_matrix(problem.structure_rotation(z) @ centre_axes.T).as_rotvec()
-        return np.concatenate([rig_difference(problem.rig(z), centre_rig), turn])
+        return np.concatenate([compare_rigs(problem.rig(z), centre_rig), turn])
 
     step = 1e-3
     columns = []
@@ -176,10 +193,28 @@ def _joint_covariance(problem: SiteProblem, solution: FloatArray, whitened: Floa
     return np.asarray(jacobian @ whitened @ jacobian.T)
 
 
-def rig_difference(rig: Rig, reference: Rig) -> FloatArray:
-    """Parameters that `Rig.perturbed` needs to lead from the reference to the rig, shape (10 V,)."""
+def compare_rigs(rig: Rig, base_rig: Rig) -> FloatArray:
+    """Parameters with which `vfm_sdm.geometry.camera.Rig.perturbed` leads from one rig to the other.
+
+    Parameters
+    ----------
+    rig, base_rig
+        Rigs with the same views.
+
+    Returns
+    -------
+    difference
+        Parameters of all cameras, shape (10 V,), in the order and units of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> rig = Rig(("cam1",), (Camera([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]], (640, 480)),), True)
+    >>> compare_rigs(rig.perturbed([0.01, 2.0, 0, 0, 0, 0, 0, 0, 0, 0]), rig)[:4].round(3) + 0.0
+    array([0.01, 2.  , 0.  , 0.  ])
+    """
     parts = []
-    for camera, base in zip(rig.cameras, reference.cameras, strict=True):
+    for camera, base in zip(rig.cameras, base_rig.cameras, strict=True):
         turn = Rotation.from_matrix(camera.rotation @ base.rotation.T).as_rotvec()
         focal = np.log(camera.focal_px / base.focal_px)
         center = camera.K[:2, 2] - base.K[:2, 2]
@@ -188,8 +223,8 @@ def rig_difference(rig: Rig, reference: Rig) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _quantities(problem: SiteProblem, solution: FloatArray, whitened: FloatArray) -> tuple[SiteQuantity, ...]:
-    """The reported quantities with the std of each, by central differences."""
+def _list_quantities(problem: SiteProblem, solution: FloatArray, whitened: FloatArray) -> tuple[SiteQuantity, ...]:
+    """Reported quantities with the standard deviation of each, by central differences."""
     named = problem.quantities(solution)
     step = 1e-3
     gradients = np.stack(
@@ -211,9 +246,7 @@ def _quantities(problem: SiteProblem, solution: FloatArray, whitened: FloatArray
     )
 
 
-def _verdict(
-    quantities: tuple[SiteQuantity, ...], problem: SiteProblem, converged: bool
-) -> tuple[str, tuple[str, ...]]:
+def _judge(quantities: tuple[SiteQuantity, ...], problem: SiteProblem, converged: bool) -> tuple[str, tuple[str, ...]]:
     """Status and the sentences that explain it."""
     notes = list(problem.notes)
     disagreeing = [q for q in quantities if q.deviation > _DISAGREEMENT_STD]
@@ -242,4 +275,6 @@ def _verdict(
         return CameraStatus.NOT_IDENTIFIABLE, tuple(notes)
     if unplaced:
         return CameraStatus.UNKNOWN_DISTANCE, tuple(notes)
-    return (CameraStatus.DISAGREE if disagreeing else CameraStatus.OK), tuple(notes)
+    if disagreeing:
+        return CameraStatus.DISAGREE, tuple(notes)
+    return CameraStatus.OK, tuple(notes)

@@ -1,7 +1,8 @@
-"""Cameras and points together (B and A of Figure 4): a pose finds points in the other views, these adjust the pose.
+"""Cameras and points found together (B and A of Figure 4).
 
-The points on the structure take part in the adjustment to the site, and the adjusted cameras find points that the
-first pose missed: one loop, twice at most.
+The estimated poses help to find the points in the other views, and the points on the structure take part in the
+adjustment of the cameras to the site. The adjusted cameras may find points that the first poses missed; then the
+adjustment is repeated once.
 """
 
 from collections.abc import Mapping
@@ -35,13 +36,19 @@ def solve_cameras(
     Parameters
     ----------
     session
-        Points and everything measured on site.
+        Session with the points and everything measured on site.
     frames
-        First frame of every view by name, in the session's order.
+        First frame of every view by name, shape (H, W) each, in the session's order.
     estimator
-        Finds the cameras before the adjustment.
+        Estimator of the cameras before the adjustment.
     matcher
-        Where asked for, what says roughly where points lie in the other views.
+        Matcher that gives approximate pixels of points in the other views; ``None`` where the session asks for none.
+
+    Returns
+    -------
+    solution
+        Cameras, axes and points [px]; with a status, and without cameras, where there is one view or the images did not
+        allow an estimate.
 
     Raises
     ------
@@ -70,7 +77,7 @@ def solve_cameras(
         if not again.identical(points):
             points = again
             adjusted, unused = _adjust(session, prior, estimate.matches, points)
-    notes = [*estimate.notes, *adjusted.notes, *unused, *([] if known else [_NO_COVARIANCE]), *_missing(points)]
+    notes = [*estimate.notes, *adjusted.notes, *unused, *([] if known else [_NO_COVARIANCE]), *_list_missing(points)]
     return CameraSolution(
         adjusted.rig if known else replace(adjusted.rig, covariance=None),
         adjusted.frame,
@@ -90,7 +97,7 @@ def _adjust(
     position = points["position"].transpose("point", "view", "pixel").values
     enough = np.isfinite(position).all(axis=2).sum(axis=1) >= 2
     seen = {str(n): uv for n, uv, ok in zip(points["point"].values, position, enough, strict=True) if ok}
-    site, unused = _measured_to(session.site, seen)
+    site, unused = _drop_unseen_lengths(session.site, seen)
     adjusted = adjust_to_site(
         prior,
         matches,
@@ -106,8 +113,8 @@ def _adjust(
     return adjusted, unused
 
 
-def _measured_to(site: Site, seen: Mapping[str, FloatArray]) -> tuple[Site, list[str]]:
-    """The site without lengths to points that are not seen in two views, and what was left out."""
+def _drop_unseen_lengths(site: Site, seen: Mapping[str, FloatArray]) -> tuple[Site, list[str]]:
+    """Site without lengths to points that are not seen in two views, and sentences about those lengths."""
     ranges = tuple(r for r in site.range if r.point in seen)
     lengths = tuple(one for one in site.length if set(one.points) <= set(seen))
     lost = [f"range to {r.point!r}" for r in site.range if r not in ranges]
@@ -116,7 +123,7 @@ def _measured_to(site: Site, seen: Mapping[str, FloatArray]) -> tuple[Site, list
     return site.model_copy(update={"range": ranges, "length": lengths}), notes
 
 
-def _missing(points: xr.Dataset) -> list[str]:
+def _list_missing(points: xr.Dataset) -> list[str]:
     """Notes on points that were not found in a view."""
     status = points["status"]
     return [

@@ -72,9 +72,14 @@ class PointFinder:
         Parameters
         ----------
         points
-            Of `find`.
+            Points dataset that `find` returned.
         rig, frame
-            Adjusted to the site, in metres.
+            Cameras and axes after the adjustment to the site, lengths in metres.
+
+        Returns
+        -------
+        points
+            Copy of the dataset, with the pixels of points that were found on the face [px].
         """
         distance = self.session.site.perpendicular_distance
         points = points.copy(deep=True)

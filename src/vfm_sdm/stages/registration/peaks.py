@@ -98,18 +98,30 @@ def correlation_peaks(
 
 
 def has_rival(correlation: FloatArray, places: FloatArray, winner: int, *, distinct_px: float = DISTINCT_PX) -> bool:
-    """Whether another place resembles the subset as well as the winner does, so that the best one decides nothing.
+    """Whether another position resembles the subset as well as the best one does, so that the choice is ambiguous.
 
     Parameters
     ----------
     correlation
-        Of the subset with each place that was tried, shape (K,) [1]; below -1 where the registration failed.
+        Correlation of the subset with each position that was tried, shape (K,) [1]; below -1 where the registration
+        failed.
     places
-        Shape (K, 2) [px].
+        Positions that were tried, shape (K, 2) [px].
     winner
-        Index of the place that would be chosen.
+        Index of the position that would be chosen.
     distinct_px
-        Places closer to the winner are the same place [px].
+        Distance within which positions count as the same one [px].
+
+    Returns
+    -------
+    ambiguous
+        Whether a distinct position has a correlation within `AMBIGUITY_MARGIN` of the best one's.
+
+    Examples
+    --------
+    >>> places = np.array([[10.0, 10.0], [10.5, 10.0], [40.0, 10.0]])
+    >>> has_rival(np.array([0.98, 0.97, 0.7]), places, 0), has_rival(np.array([0.98, 0.7, 0.975]), places, 0)
+    (False, True)
     """
     apart = np.linalg.norm(places - places[winner], axis=1) > distinct_px
     return bool(np.any(correlation[apart] >= correlation[winner] - AMBIGUITY_MARGIN))

@@ -14,29 +14,29 @@ from vfm_sdm.stages.synchronize.lag import Synchronization
 __all__ = ["synchronize_tracks"]
 
 _SEARCH_S = 3.0
-"""How far from the stated offset between views the true one may be [s]."""
+"""Largest difference between the stated and the true offset of a view [s]."""
 
 
 def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Tracks of all views on the reference view's clock, with what is known of each view's own clock.
+    """Tracks of all views on the reference view's clock, with the offset and rate of each view's own clock.
 
-    The offset is estimated from the moving points where the session says so; where their motion does not tell it, the
-    stated offset stands and the status says why.
+    The offset is estimated from the moving points where the session asks for it; where their motion does not determine
+    it, the stated offset is used and the status says why.
 
     Parameters
     ----------
     session
         Views with their stated offsets, points, and ``method.synchronization``.
     tracks
-        By view, each on its own clock.
+        Tracks by view, each on its own clock.
 
     Returns
     -------
     aligned
-        Tracks with a dim ``view``, and on it ``clock_offset`` [s] (as applied: how much later a view's first frame was
-        taken than the reference view's), ``clock_offset_std`` [s] (NaN where neither motion nor session tell the
-        offset), ``clock_rate`` [1] and ``clock_status``; and ``bits_per_pixel`` [1] of its recording, infinite where it
-        is not compressed or not known.
+        Tracks with a dim ``view``, and on it ``clock_offset`` [s] (the applied one: time between the first frames of
+        the reference view and of this view), ``clock_offset_std`` [s] (NaN where neither motion nor session give the
+        offset), ``clock_rate`` [1] and ``clock_status``; and ``bits_per_pixel`` [1] of the view's recording, infinite
+        where it is not compressed or not known.
 
     Raises
     ------

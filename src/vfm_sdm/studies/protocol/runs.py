@@ -213,21 +213,26 @@ def measure_geometry(run: MethodRun) -> list[Cost]:
 
 
 def run_monocular(test: FieldTest, folder: Path, *, progress: Progress | None = None) -> MethodRun:
-    """The paper's baseline, measured as its users do: one view, and a known height beside each point; vertical only.
+    """Run of the paper's baseline: one view, and a known height beside each point; vertical only.
 
     Parameters
     ----------
     test
-        The field test.
+        Field test.
     folder
-        For all methods on this test.
+        Folder for the runs of all methods on this test.
     progress
-        Called with what is being done.
+        Called with each step's description.
+
+    Returns
+    -------
+    run
+        Vertical displacement of all points [m], or a status where the cameras could not be estimated.
 
     Notes
     -----
     Each monitored point is a session of its own, whose scale is the height of the structure at this point: with the
-    errors of a drawing (0.5 %) and of pointing at both ends (0.5 px each). Image rows are taken for vertical.
+    errors of a drawing (0.5 %) and of pointing at both ends (0.5 px each). Image rows count as vertical.
     """
     columns = []
     for session in _monocular_sessions(test):

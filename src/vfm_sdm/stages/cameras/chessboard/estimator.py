@@ -41,14 +41,15 @@ _Corners = Mapping[str, Sequence[FloatArray | None]]
 
 
 class ChessboardCameras:
-    """Estimator ``chessboard``.
+    """Estimator ``chessboard``: a metric rig from pictures of a chessboard, or from its ready corners.
 
     Parameters
     ----------
     fix_tangential, fix_k3
-        Keep the tangential terms, or the third radial one, at zero; free them for wide-angle lenses with many pictures.
+        Whether the tangential terms, or the third radial one, stay zero; free them for wide-angle lenses with many
+        pictures.
     refine_px
-        See `detect_corners` [px].
+        Half side of the window of `detect_corners` [px].
     """
 
     name = "chessboard"
@@ -64,11 +65,16 @@ class ChessboardCameras:
         Parameters
         ----------
         session
-            Its ``chessboard`` names the pictures or the file of corners. That file is an npz with one array (poses,
-            corners, 2) [px] for each view, named as the view, and ``board_xy_mm`` (corners, 2); the centre of the
-            top-left pixel is (0, 0).
+            Session whose ``chessboard`` names the pictures or the file of corners. That file is an npz with one array
+            of shape (poses, corners, 2) [px] for each view, named as the view, and ``board_xy_mm`` of shape (corners,
+            2) [mm]; the centre of the top-left pixel is (0, 0).
         frames
-            First frame of each view; only the sizes are used.
+            Brightness of the first frame of each view, shape (H, W); only the sizes are used.
+
+        Returns
+        -------
+        estimate
+            Metric rig with covariance, without shared points, and notes on the pairs.
 
         Raises
         ------
@@ -91,7 +97,7 @@ class ChessboardCameras:
         calibration = calibrate_rig(
             corners, board_xy, sizes, names=names, fix_tangential=self.fix_tangential, fix_k3=self.fix_k3
         )
-        notes = _notes(calibration)
+        notes = _write_notes(calibration)
         status = CameraStatus.OK
         disagreement = _compare_baseline(session, calibration)
         if disagreement:
@@ -143,7 +149,7 @@ def _read_images(paths: Sequence[Path], size: tuple[int, int]) -> Iterator[LumaA
 
 def _read_corners(path: Path, board: Chessboard, views: tuple[str, ...]) -> tuple[_Corners, FloatArray]:
     """Corners by view [px] and on the board, shape (N, 2) [m]."""
-    arrays = _load_arrays(path)
+    arrays = _read_arrays(path)
     missing = [name for name in (*views, "board_xy_mm") if name not in arrays]
     if missing:
         raise CameraError(f"{path}: expected arrays {[*views, 'board_xy_mm']}, got no {missing}; add them")
@@ -170,7 +176,7 @@ def _read_corners(path: Path, board: Chessboard, views: tuple[str, ...]) -> tupl
     return corners, board_mm * 1e-3
 
 
-def _load_arrays(path: Path) -> dict[str, FloatArray]:
+def _read_arrays(path: Path) -> dict[str, FloatArray]:
     try:
         archive = np.load(path, allow_pickle=False)
         if isinstance(archive, NpzFile):
@@ -181,7 +187,8 @@ def _load_arrays(path: Path) -> dict[str, FloatArray]:
     raise CameraError(f"{path}: expected an npz file of numbers, got a single array; save it with numpy.savez")
 
 
-def _notes(calibration: ChessboardCalibration) -> list[str]:
+def _write_notes(calibration: ChessboardCalibration) -> list[str]:
+    """Sentences about the used, dropped and reordered pairs."""
     used, dropped = len(calibration.reprojection_error), len(calibration.dropped)
     rms = ", ".join(f"{view} {value:.3f}" for view, value in calibration.rms.items())
     notes = [

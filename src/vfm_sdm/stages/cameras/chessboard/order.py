@@ -1,4 +1,4 @@
-"""Which end of a chessboard a detector began at: corner orders made to agree between two views."""
+"""Orders of a chessboard's corners made to agree between two views, as a detector may start at either end."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ __all__ = ["BoardOrder", "agree_on_order", "board_symmetries"]
 _TOLERANCE_DEG = 20.0
 """Poses of a board seen in one view are off by some degrees at most; a wrong order turns it by 90 or 180."""
 _DISTINCT = 3.0
-"""How much wider a rival explanation must scatter to be ruled out."""
+"""Factor by which a rival candidate must scatter more to be ruled out."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardOrder:
-    """How the second view's corners have to be reordered.
+    """Reordering of the second view's corners that makes both views agree.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class BoardOrder:
     reasons
         Why a pose cannot be used, shape (P,); empty where it can.
     second_from_first
-        Pose of the second camera in the first one's frame on which the poses agree, shape (3, 4).
+        Pose of the second camera in the first one's frame on which the poses agree, shape (3, 4) [1, m].
     """
 
     turns: IntArray
@@ -42,13 +42,19 @@ def board_symmetries(board: FloatArray) -> tuple[tuple[FloatArray, IntArray], ..
     Parameters
     ----------
     board
-        Shape (N, 2) [m].
+        Corners in the board's plane, shape (N, 2) [m].
 
     Returns
     -------
     symmetries
-        Motions of the board's plane, shape (3, 4), each with the index of the corner that every corner comes to lie
-        on, shape (N,). The first one keeps all in place.
+        Motions of the board's plane, shape (3, 4) [1, m], each with the index of the corner that every corner comes to
+        lie on, shape (N,). The first one keeps all corners in place.
+
+    Examples
+    --------
+    >>> board = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0]])
+    >>> [onto.tolist() for _, onto in board_symmetries(board)]
+    [[0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0]]
     """
     center = (board.min(axis=0) + board.max(axis=0)) / 2
     extent = float(np.ptp(board, axis=0).max())
@@ -67,20 +73,38 @@ def board_symmetries(board: FloatArray) -> tuple[tuple[FloatArray, IntArray], ..
 
 
 def agree_on_order(first_from_board: FloatArray, second_from_board: FloatArray, board: FloatArray) -> BoardOrder:
-    """The order of the second view's corners in which the two cameras keep one relative pose.
+    """Order of the second view's corners in which the two cameras keep one relative pose.
 
     Parameters
     ----------
     first_from_board, second_from_board
-        Pose of the board in each camera as the corners came, shape (P, 3, 4).
+        Pose of the board in each camera's frame as the corners came, shape (P, 3, 4) [1, m].
     board
-        Corners on the board, shape (N, 2) [m].
+        Corners in the board's plane, shape (N, 2) [m].
+
+    Returns
+    -------
+    order
+        Reordering of each pose, and the relative pose of the cameras on which the poses agree.
 
     Notes
     -----
-    Each pose offers one relative pose of the cameras for each symmetry of the board. The one that most poses can
-    agree on is taken. Boards that are all held alike admit a turned explanation just as well; then poses stay as
-    they came when that explains them, and the others are given up.
+    Each pose of the board gives one candidate of the cameras' relative pose for each symmetry of the board. The
+    candidate with which most poses agree is taken. Boards that are all held alike also agree on a turned candidate;
+    then the poses whose order is explained as it came are kept, and the others are rejected.
+
+    Examples
+    --------
+    >>> from scipy.spatial.transform import Rotation
+    >>> board = np.array([[x, y] for y in range(3) for x in range(4)], dtype=float)
+    >>> tilts = Rotation.from_euler("xyz", [[20, 0, 0], [0, 30, 0], [10, -20, 40], [-25, 15, -30]], degrees=True)
+    >>> first = np.concatenate([tilts.as_matrix(), np.full((4, 3, 1), [[0.0], [0.0], [9.0]])], axis=-1)
+    >>> second = first.copy()
+    >>> second[2, :, 3] += second[2, :, :3] @ [3.0, 2.0, 0.0]  # this board was read from its other end
+    >>> second[2, :, :2] *= -1
+    >>> order = agree_on_order(first, second, board)
+    >>> order.turns.tolist()
+    [0, 0, 1, 0]
     """
     board_from_first, second = rigid_transform(first_from_board).inv(), rigid_transform(second_from_board)
     unturned = [rigid_transform(motion).inv() for motion, _ in board_symmetries(board)]
@@ -112,5 +136,6 @@ def agree_on_order(first_from_board: FloatArray, second_from_board: FloatArray, 
 
 
 def _angle_deg(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Angle between rotation matrices, shape (..., 3, 3) each [deg]."""
     trace = (first * second).sum(axis=(-1, -2))
     return np.asarray(np.degrees(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))))

@@ -16,13 +16,13 @@ from vfm_sdm.stages.cameras.chessboard.scene import INTRINSICS, BoardScene
 __all__ = ["MIN_POSES", "PairSet"]
 
 MIN_POSES = 3
-"""Fewer poses of a plane do not determine focal length and principal point."""
+"""Least number of poses; fewer poses of a plane do not determine focal length and principal point."""
 
 _MIN_CORNERS = 8
 _FAR_ABOVE = 2.5
 """Reprojection error over the median of all, above which a pair is dropped."""
 _ERROR_FLOOR_PX = 0.1
-"""Errors below this are never worth dropping a pair."""
+"""Reprojection error below which no pair is dropped."""
 
 
 class PairSet:
@@ -33,13 +33,14 @@ class PairSet:
     Parameters
     ----------
     corners_by_view
-        One array of shape (N, 2) [px] a picture, NaN for hidden corners; ``None`` where the board was not found.
+        Corners by view: for each picture an array of shape (N, 2) [px], NaN for hidden corners, or ``None`` where the
+        board was not found.
     board
-        Corners on the board, shape (N, 2) [m].
+        Corners in the board's plane, shape (N, 2) [m].
     image_sizes
         Width and height by view name [px].
     names
-        Of the poses; numbered when not given.
+        Names of the poses; they are numbered when not given.
 
     Raises
     ------
@@ -69,7 +70,7 @@ class PairSet:
         self.board = board
         self.image_sizes = image_sizes
         self.points2d = np.stack(
-            [_stacked(corners, len(board), image_sizes[view], view) for view, corners in corners_by_view.items()],
+            [_stack_corners(corners, len(board), image_sizes[view], view) for view, corners in corners_by_view.items()],
             axis=1,
         )
         self.dropped: dict[str, str] = {}
@@ -80,19 +81,42 @@ class PairSet:
 
     @property
     def used(self) -> BoolArray:
-        """Which view's picture of which pose is in use, shape (P, V)."""
+        """Whether a view's picture of a pose is in use, shape (P, V)."""
         used = self._links.copy()
         used[:, 0] = self._links.any(axis=1)
         return used
 
     def label(self, pose: int, view: int) -> str:
-        """Name of a pair for messages and results."""
+        """Name of a pair for messages and results.
+
+        Parameters
+        ----------
+        pose, view
+            Index of the board's pose, and of the view that is paired with the first.
+
+        Returns
+        -------
+        label
+            Name of the pose; with more than two views also the names of the two views.
+        """
         return self.names[pose] if len(self.views) <= 2 else f"{self.names[pose]} ({self.views[0]}, {self.views[view]})"
 
     def start(self, free_intrinsics: IntArray) -> tuple[BoardScene, FloatArray]:
-        """Approximate scene of the poses in use, and their corners, shape (P', V, N, 2) [px].
+        """Approximate scene of the poses in use, and their corners.
 
         Pairs that cannot be used are dropped on the way, and corners that came turned are put in order.
+
+        Parameters
+        ----------
+        free_intrinsics
+            Indices into `vfm_sdm.stages.cameras.chessboard.scene.INTRINSICS` of the parameters that are estimated.
+
+        Returns
+        -------
+        scene
+            Cameras, and the P' poses of the board that are in use.
+        points2d
+            Corners of these poses, shape (P', V, N, 2) [px]; NaN where a picture is not in use.
 
         Raises
         ------
@@ -104,7 +128,7 @@ class PairSet:
             alone = [_CameraAlone(self, view, free_intrinsics) for view in range(len(self.views))]
             if self._drop_worst(np.stack([camera.errors for camera in alone], axis=1)):
                 continue
-            orders = [self._agree(alone[0], alone[view], view) for view in range(1, len(self.views))]
+            orders = [self._agree_on_pose(alone[0], alone[view], view) for view in range(1, len(self.views))]
             if any(changed for changed, _ in orders):
                 continue
             kept = self.used.any(axis=1)
@@ -117,12 +141,17 @@ class PairSet:
             return scene, np.where(self.used[..., None, None], self.points2d, np.nan)[kept]
 
     def drop_worst(self, errors: FloatArray) -> bool:
-        """Drop the pair whose reprojection error is far above the others; whether there was one.
+        """Whether a pair's reprojection error was far above the others, so that it was dropped.
 
         Parameters
         ----------
         errors
             Root mean square error of each picture in use, shape (P', V) [px].
+
+        Returns
+        -------
+        dropped
+            Whether there was such a pair; the remaining ones then have to be adjusted anew.
         """
         everything = np.full(self.used.shape, np.nan)
         everything[self.used.any(axis=1)] = errors
@@ -169,7 +198,7 @@ class PairSet:
                 f"{[counts[view] for view in short]} of {len(self.names)} ({why}); take more pictures of the board"
             )
 
-    def _agree(self, first: "_CameraAlone", second: "_CameraAlone", view: int) -> tuple[bool, FloatArray]:
+    def _agree_on_pose(self, first: "_CameraAlone", second: "_CameraAlone", view: int) -> tuple[bool, FloatArray]:
         """Whether pairs were dropped or reordered, and the relative pose on which the rest agrees, shape (3, 4)."""
         poses = self._links[:, view].nonzero()[0]
         order = agree_on_order(first.cam_from_board[poses], second.cam_from_board[poses], self.board)
@@ -178,7 +207,7 @@ class PairSet:
         for pose, turn, reason in zip(poses, order.turns, order.reasons, strict=True):
             label = self.label(int(pose), view)
             if turn != 0 and label in self.reordered:
-                # Turned back and forth: two orders explain it, and this would go on for ever.
+                # Turned back and forth: two orders explain it, and the loop would not end.
                 self._drop(int(pose), view, BoardStatus.AMBIGUOUS_ORDER)
             elif reason:
                 self._drop(int(pose), view, reason)
@@ -227,7 +256,9 @@ class _CameraAlone:
         self.errors[poses] = np.ravel(errors)
 
 
-def _stacked(corners: Sequence[FloatArray | None], count: int, image_size: tuple[int, int], view: str) -> FloatArray:
+def _stack_corners(
+    corners: Sequence[FloatArray | None], count: int, image_size: tuple[int, int], view: str
+) -> FloatArray:
     """Corners of one view, shape (P, N, 2) [px], NaN where there are none."""
     stacked = np.full((len(corners), count, 2), np.nan)
     for index, found in enumerate(corners):

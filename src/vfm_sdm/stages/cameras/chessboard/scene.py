@@ -18,18 +18,18 @@ CAMERA_SIZE = len(INTRINSICS) + 6
 
 @dataclass(frozen=True, eq=False)
 class BoardScene:
-    """Cameras, and the board's position in each picture.
+    """Cameras, and the pose of the board in each picture; V cameras, P poses, N corners.
 
     Parameters
     ----------
     intrinsics
-        Shape (V, 9), in the order of `INTRINSICS` [px, 1].
+        Intrinsic parameters of each camera, shape (V, 9), in the order of `INTRINSICS` [px, 1].
     cam_from_first
-        Shape (V, 3, 4); the identity for the first camera.
+        Pose of each camera in the first one's frame, shape (V, 3, 4) [1, m]; the identity for the first camera.
     first_from_board
-        Shape (P, 3, 4), one for each pose of the board.
+        Pose of the board in the first camera's frame, shape (P, 3, 4) [1, m], one for each picture.
     board
-        Corners on the board, shape (N, 3) [m].
+        Corners in the board's frame, shape (N, 3) [m].
     """
 
     intrinsics: FloatArray
@@ -41,15 +41,38 @@ class BoardScene:
 def linearize(scene: BoardScene) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Predicted corners and their derivatives.
 
+    Parameters
+    ----------
+    scene
+        Cameras and board at which the projection is linearised; V cameras, P poses, N corners.
+
     Returns
     -------
     predicted
-        Shape (P, V, N, 2) [px]; NaN behind a camera.
+        Pixels of the corners, shape (P, V, N, 2) [px]; NaN behind a camera.
     by_camera
-        Shape (P, V, N, 2, 15): by the intrinsics, a rotation vector in the camera's frame [rad] and the translation
-        of the view's own camera.
+        Derivatives of the pixels by the view's own camera, shape (P, V, N, 2, 15): by its intrinsics [px/px, px], by a
+        rotation vector in the camera's frame [px/rad] and by its translation [px/m].
     by_board
-        Shape (P, V, N, 2, 6): by a rotation vector [rad] and the translation of the board, first camera's frame.
+        Derivatives of the pixels by the board's pose, shape (P, V, N, 2, 6): by a rotation vector [px/rad] and by the
+        translation of the board [px/m], both in the first camera's frame.
+
+    Notes
+    -----
+    A small rotation vector w turns a point X to X + w x X, so that the derivative of a pixel by w is X x g, with g the
+    derivative of that pixel by the point.
+
+    Examples
+    --------
+    >>> intrinsics = np.array([[1000.0, 1000.0, 320.0, 240.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    >>> pose = np.eye(3, 4)
+    >>> pose[2, 3] = 2.0
+    >>> scene = BoardScene(intrinsics, np.eye(3, 4)[None], pose[None], np.array([[0.1, 0.0, 0.0]]))
+    >>> predicted, by_camera, by_board = linearize(scene)
+    >>> predicted[0, 0].round(6)
+    array([[370., 240.]])
+    >>> by_camera.shape, by_board.shape
+    ((1, 1, 1, 2, 15), (1, 1, 1, 2, 6))
     """
     turned = np.einsum("pij,nj->pni", scene.first_from_board[:, :, :3], scene.board)
     in_first = turned + scene.first_from_board[:, None, :, 3]
@@ -64,6 +87,7 @@ def linearize(scene: BoardScene) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _linearize_view(
     intrinsics: FloatArray, cam_from_first: FloatArray, in_first: FloatArray, turned: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Predicted pixels of one view and their derivatives, as in `linearize` without the axis of views."""
     R, t = cam_from_first[:, :3], cam_from_first[:, 3]
     rotated = in_first @ R.T
     fx, fy, cx, cy = intrinsics[:4]
