@@ -176,9 +176,11 @@ def test_is_deterministic(name, room, folder):
     first, second = (asked(name, folder, rig, frames, room) for _ in range(2))
     assert first.status == second.status == "ok"
     for a, b in zip(first.rig.cameras, second.rig.cameras, strict=True):
-        # To rounding: where an array lies in memory decides the order in which a matrix product is summed.
-        np.testing.assert_allclose(a.K, b.K, rtol=1e-12)
-        np.testing.assert_allclose(a.cam_from_world, b.cam_from_world, rtol=0, atol=1e-12)
+        # Where an array lies in memory decides the order in which a matrix product is summed, and that rounding whether
+        # an adjustment takes one more step: it stops where the cost falls by less than 1e-12 of itself, that is within
+        # 1e-6 standard deviations of its minimum, here some 1e-3 of a pixel's or a metre's.
+        np.testing.assert_allclose(a.K, b.K, rtol=1e-9)
+        np.testing.assert_allclose(a.cam_from_world, b.cam_from_world, rtol=0, atol=1e-9)
     np.testing.assert_allclose(first.rig.covariance, second.rig.covariance, rtol=1e-6, atol=1e-18)
     assert [len(m) for m in first.matches] == [len(m) for m in second.matches]
 
