@@ -18,7 +18,7 @@ from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import code_modules, make, settings_read
 from vfm_sdm.core.versions import package_versions
-from vfm_sdm.errors import DatasetError, ResultsError
+from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.inputs.session import FirstFrames, Session, input_files, open_views, session_hash, write_session
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.outputs.plots import save_figures
@@ -151,7 +151,7 @@ class Measurement(Chain[Session]):
     )
     def tracks(self, session: Session) -> dict[str, xr.Dataset]:
         """Tracks of all points by view, each on its own clock."""
-        return track_views(self.recordings, self.points, self.part("trackers"), progress=self.progress)
+        return track_views(self.recordings, self.points, self.part("trackers"), progress=self._say)
 
     # C: the cameras' own motion taken out, one clock, displacement.
 
@@ -196,7 +196,7 @@ class Measurement(Chain[Session]):
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
         needs=("cameras", "tracks", "steady", "aligned", "refinement", "unrefined"),
-        kept=Kept("displacement.nc", None, _write_displacement),
+        kept=Kept("displacement.nc", None, _write_displacement, beside=("displacement.csv",)),
     )
     def displacement(self, session: Session) -> xr.Dataset | None:
         """Displacement with its uncertainty; ``None`` without cameras or scale, as the cameras' status says.
@@ -268,7 +268,8 @@ class Measurement(Chain[Session]):
             "reused_stages": list(self.reused),
             "versions": package_versions(),
             "session_hash": session_hash(session),
-            "input_hashes": self.inputs_of(session),
+            # Products that were given were not made of these files, which need not be there.
+            "input_hashes": {} if self.were_given else self.inputs_of(session),
         }
         if self.folder is not None:
             write_summary(self.folder, summary)
@@ -294,12 +295,25 @@ class Measurement(Chain[Session]):
     # What keys are made of beside the session's fields and the code, see `vfm_sdm.core.products`.
 
     def inputs_of(self, settings: Session) -> dict[str, str]:
-        """Hashes of the files that a session names, by what it calls them; each file is read once."""
+        """Hashes of the files that a session names, by what it calls them; each file is read once.
+
+        Raises
+        ------
+        SessionError
+            A file cannot be read.
+        VideoError
+            No file matches a pattern.
+        """
         named = {}
         for name, path in input_files(settings):
             if path not in self._hashes:
-                with self.timed("hashing inputs"):
-                    self._hashes[path] = file_fingerprint(path, whole=self._whole_files)
+                try:
+                    with self.timed("hashing inputs"):
+                        self._hashes[path] = file_fingerprint(path, whole=self._whole_files)
+                except OSError as error:
+                    raise SessionError(
+                        f"{path}: expected a file that can be read, got: {error.strerror}; correct the session"
+                    ) from error
             named[name] = self._hashes[path]
         return named
 
@@ -342,9 +356,11 @@ class Measurement(Chain[Session]):
             still_interval_s=session.method.still_interval_s,
         )
 
-    def _say(self, what: str) -> None:
+    def _say(self, what: str, done: int = 0, total: int | None = None) -> None:
+        """Tells the caller, who may ask the measurement for anything."""
         if self.progress is not None:
-            self.progress(what, 0, None)
+            with self._step_outside():
+                self.progress(what, done, total)
 
 
 def measure(
@@ -378,17 +394,29 @@ def measure(
     measurement = Measurement(session, folder, progress=progress, whole_files=whole_files)
     measurement.check_method()
     if measurement.folder is not None:
-        _prepare_folder(measurement.folder)
+        _prepare_folder(measurement.folder, session)
         write_session(measurement.folder / "session.resolved.toml", session)
     for name in ("cameras", "points", "tracks", "displacement", "audit", "figures", "summary"):
         getattr(measurement, name)
     return measurement
 
 
-def _prepare_folder(folder: Path) -> None:
+def _prepare_folder(folder: Path, session: Session) -> None:
+    written = {folder.resolve() / kept.file for kept in map(_kept_by, Measurement.products()) if kept is not None}
+    inputs = [path for _, path in input_files(session) if path.resolve() in written]
+    if inputs:
+        raise ResultsError(
+            f"{folder}: expected a folder in which nothing is overwritten that the session reads, got "
+            f"{inputs[0].name}; choose another -o"
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ResultsError(
             f"{folder}: expected a folder to write to, got {error.strerror}; choose another -o"
         ) from error
+
+
+def _kept_by(name: str) -> Kept[Any] | None:
+    """How a product is kept."""
+    return Measurement.product(name).kept

@@ -450,3 +450,74 @@ class TestSingleView:
         assert result.summary["status"] == "one view: motion in the image plane only"
         assert (tmp_path / "run" / "tracks.nc").exists()
         assert (tmp_path / "run" / "summary.json").exists()
+
+
+class TestFilesOfARun:
+    """What goes wrong in folders: none of it is a wrong reuse, a lost input or a traceback."""
+
+    def with_images(self, session, pattern):
+        views = tuple(v.model_copy(update={"images": pattern.format(v.name)}) for v in session.view)
+        return session.model_copy(update={"view": views})
+
+    @pytest.mark.parametrize("pattern", ["{}/**/*.png", "{}/*/img.png"])
+    def test_frames_of_nested_folders_are_in_the_key(self, recording, tmp_path, pattern):
+        for view in ("left", "right"):
+            for path in sorted((recording.parent / view).glob("*.png")):
+                (recording.parent / view / path.stem).mkdir()
+                path.rename(recording.parent / view / path.stem / "img.png")
+        session = self.with_images(read_session(recording, check_files=False), pattern)
+        measure(session, tmp_path / "run")
+        (changed_frame,) = (recording.parent / "left").glob("*5/img.png")
+        image = cv2.imread(str(changed_frame), 0)
+        cv2.imwrite(str(changed_frame), np.roll(image, 1, axis=1))
+        again = measure(session, tmp_path / "run")
+        assert again.summary["reused_stages"] == []
+        assert len(again.summary["input_hashes"]) == 2 * FRAMES + 1
+
+    def test_a_folder_among_the_frames_is_no_frame(self, recording, tmp_path):
+        (recording.parent / "left" / "thumbs").mkdir()
+        session = self.with_images(read_session(recording, check_files=False), "{}/*.png")
+        assert measure(session, tmp_path / "run").displacement is not None
+
+    @pytest.mark.parametrize("content", ["", "[extra]\nstatus = 'ok'", "extra = 3", "[extra]\npoints = []"])
+    def test_cameras_of_another_version_are_made_again(self, recorded, tmp_path, content):
+        folder = tmp_path / "run"
+        folder.mkdir()
+        (folder / "cameras.toml").write_text(content)
+        assert Measurement(read_session(recorded), folder).cameras.rig is not None
+
+    def test_damaged_tracks_are_made_again(self, recorded, tmp_path):
+        session, folder = read_session(recorded), tmp_path / "run"
+        expected = Measurement(session, folder).tracks
+        whole = (folder / "tracks.nc").read_bytes()
+        rng = np.random.default_rng(3)
+        for _ in range(12):
+            damaged = bytearray(whole)
+            for place in rng.integers(0, len(whole) // 4, 3):
+                damaged[place] ^= 0xFF
+            (folder / "tracks.nc").write_bytes(bytes(damaged))
+            found = Measurement(session, folder).tracks
+            assert list(found) == list(expected)
+
+    def test_what_the_session_reads_is_not_overwritten(self, recording):
+        text = recording.read_text().replace("rig.toml", "cameras.toml")
+        (recording.parent / "rig.toml").rename(recording.parent / "cameras.toml")
+        recording.write_text(text)
+        before = (recording.parent / "cameras.toml").read_bytes()
+        with pytest.raises(ResultsError, match=r"overwritten that the session reads, got cameras\.toml"):
+            measure(read_session(recording), recording.parent)
+        assert (recording.parent / "cameras.toml").read_bytes() == before
+
+    def test_a_missing_file_is_named(self, recording, tmp_path):
+        session = read_session(recording)
+        (recording.parent / "rig.toml").unlink()
+        with pytest.raises(SessionError, match=r"rig\.toml: expected a file that can be read, got: No such file"):
+            _ = Measurement(session, tmp_path / "run").cameras
+
+    def test_who_is_told_may_ask(self, recorded):
+        said = []
+        measurement = Measurement(
+            read_session(recorded), progress=lambda *step: said.append((step, measurement.session))
+        )
+        assert measurement.tracks
+        assert {step[0] for step, _ in said} == {"cameras", "tracking left", "tracking right"}

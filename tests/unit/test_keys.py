@@ -3,7 +3,6 @@
 The table says who reads a field; what is made of a product that changed changes, too.
 """
 
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from vfm_sdm.core import code
 from vfm_sdm.core.parts import BUILT_IN
 from vfm_sdm.core.products import Product
 from vfm_sdm.core.registry import settings_read
@@ -273,16 +273,23 @@ def test_a_file_that_is_not_read_changes_nothing(session):
     assert keys(Measurement(session)) == before
 
 
-def test_the_code_of_a_stage_is_in_the_keys_of_what_it_makes(session, monkeypatch):
+@pytest.mark.parametrize(
+    ("module", "different", "same"),
+    [
+        ("stages.synchronize.lag", {"aligned", "displacement", "audit"}, {"recordings", "cameras", "tracks", "steady"}),
+        # By a method that two products call.
+        ("stages.displacement.stereo", {"unrefined", "displacement"}, {"cameras", "tracks", "aligned"}),
+        # What keeps a product: tracks in another form must not be read.
+        ("core.netcdf", {"tracks", "displacement"}, {"recordings", "frames"}),
+    ],
+)
+def test_the_code_of_a_stage_is_in_the_keys_of_what_it_makes(session, monkeypatch, module, different, same):
     before = keys(Measurement(session))
-    from vfm_sdm.core import code
-
-    text = code._text
-    edited: Callable[[str], str] = lambda m: text(m) + ("# edited" if m.endswith("synchronize.lag") else "")  # noqa: E731
-    monkeypatch.setattr(code, "_text", edited)
+    read = code._text
+    monkeypatch.setattr(code, "_text", lambda name: read(name) + "# edited" * (name == f"vfm_sdm.{module}"))
     code.code_hash.cache_clear()
     after = keys(Measurement(session))
     code.code_hash.cache_clear()
-    different = {name for name in before if before[name] != after[name]}
-    assert {"aligned", "displacement", "audit"} <= different
-    assert not {"recordings", "cameras", "points", "tracks", "steady"} & different
+    found = {name for name in before if before[name] != after[name]}
+    assert different <= found
+    assert not same & found

@@ -27,7 +27,7 @@ __all__ = [
 
 _ENGINE: Final = "h5netcdf"
 _JSON = "json:"
-_READ_ERRORS = (OSError, ValueError, KeyError, RuntimeError, TypeError)
+_READ_ERRORS = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, AssertionError)
 """Errors of xarray, h5netcdf and HDF5 on files that are damaged or hold something else."""
 
 

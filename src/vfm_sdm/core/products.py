@@ -57,11 +57,14 @@ class Kept(Generic[T]):
         run.
     write
         Function that writes a product and its key to the file at a path, whole or not at all.
+    beside
+        Names of further files that this one writes.
     """
 
     file: str
     read: Callable[[Path], tuple[T, str]] | None
     write: Callable[[Path, T, Mapping[str, str]], object]
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -150,6 +153,8 @@ class Chain(Generic[S]):
         Labels of the products that were read from the folder.
     made
         How often each product was made, by name.
+    were_given
+        Names of the products that were given instead of made.
     """
 
     def __init__(self, settings: S, folder: Path | None) -> None:
@@ -157,6 +162,7 @@ class Chain(Generic[S]):
         self.seconds: dict[str, float] = {}
         self.reused: list[str] = []
         self.made: dict[str, int] = {}
+        self.were_given: set[str] = set()
         self._settings = settings
         self._values: dict[str, Any] = {}
         self._keys: dict[str, str] = {}
@@ -169,14 +175,16 @@ class Chain(Generic[S]):
         Raises
         ------
         ValueError
-            There is no such product, or the chain keeps its products in a folder, where nothing tells what the given
-            ones were made of.
+            There is no such product, some were made already, or the chain keeps its products in a folder, where nothing
+            tells what the given ones were made of.
         """
         unknown = set(products) - set(self.products())
-        if unknown or self.folder is not None:
+        if unknown or self.folder is not None or self.made:
             got = f"unknown {sorted(unknown)}" if unknown else f"a chain in {self.folder}"
+            got = f"one that has made {sorted(self.made)}" if self.made else got
             raise ValueError(f"given: expected products {self.products()} of a chain in memory, got {got}; correct it")
         self._values.update(products)
+        self.were_given |= set(products)
         return self
 
     def inputs_of(self, settings: S) -> Mapping[str, str]:
@@ -294,9 +302,11 @@ class Chain(Generic[S]):
         finally:
             self._asking.pop()
         self.made[wanted.name] = self.made.get(wanted.name, 0) + 1
+        self._values[wanted.name] = value  # now already: what cannot be written need not be made again
         if path is not None and wanted.kept is not None:
-            if value is None:
-                path.unlink(missing_ok=True)  # of an earlier run, which had one
+            if value is None:  # an earlier run had one
+                for name in (wanted.kept.file, *wanted.kept.beside):
+                    path.with_name(name).unlink(missing_ok=True)
             else:
                 wanted.kept.write(path, value, {"key": key, **self.marks()})
         return value
@@ -313,8 +323,15 @@ class Chain(Generic[S]):
         return self._settings.narrowed([*one.reads, *of_parts])
 
     def _hash_code(self, one: Product[Any]) -> str:
-        modules = {*modules_used(one.make), *(m for kind in one.parts for m in self.part_modules(kind))}
-        return code_hash(frozenset(modules), also=inspect.getsource(one.make))
+        # What makes it, the methods that this calls, and what keeps it: a file in another form must not be read.
+        called = (inspect.getattr_static(type(self), name, None) for name in one.make.__code__.co_names)
+        functions: list[Callable[..., Any]] = [one.make, *(f for f in called if inspect.isfunction(f))]
+        if one.kept is not None:
+            functions += [function for function in (one.kept.read, one.kept.write) if function is not None]
+        modules = {module for function in functions for module in modules_used(function)}
+        modules |= {function.__module__ for function in functions} - {one.make.__module__}
+        modules |= {module for kind in one.parts for module in self.part_modules(kind)}
+        return code_hash(frozenset(modules), also="\n".join(inspect.getsource(function) for function in functions))
 
     @contextmanager
     def _step_outside(self) -> Iterator[None]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from glob import glob
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session
 from vfm_sdm.inputs.video import RgbArray, Video, open_images, open_video
+from vfm_sdm.inputs.video.images import find_images
 
 __all__ = ["FirstFrames", "input_files", "open_views"]
 
@@ -72,6 +72,11 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
     ----------
     session
         A session, or what `vfm_sdm.inputs.session.narrow` leaves of it: then the files that these fields name.
+
+    Raises
+    ------
+    VideoError
+        No file matches a pattern.
     """
     for view in session.view:
         if view.video is not None:
@@ -92,5 +97,7 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
 
 
 def _pattern_files(session: Session, label: str, pattern: str) -> Iterator[tuple[str, Path]]:
-    for path in sorted(glob(session.resolve_pattern(pattern))):
-        yield f"{label}: {Path(path).name}", Path(path)
+    """Image files as the reader finds them, under their paths, because folders may hold equal names."""
+    for path in find_images(session.resolve_pattern(pattern)):
+        inside = path.is_relative_to(session.folder)
+        yield f"{label}: {(path.relative_to(session.folder) if inside else path).as_posix()}", path

@@ -62,6 +62,8 @@ def check_drift(inputs: AuditInputs) -> AuditCheck:
 
 def _estimate_lags(inputs: AuditInputs, aligned: xr.Dataset) -> dict[str, Synchronization]:
     """Lag of every further view behind the reference view, near zero [s]."""
+    if not inputs.moving:
+        return {}
     reference, *others = (str(view) for view in aligned["view"].values)
     first = aligned.sel(view=reference, drop=True)
     return {

@@ -130,11 +130,11 @@ def read_solution(path: Path | str) -> tuple[CameraSolution, str]:
         )
     except FileNotFoundError as error:
         raise ResultsError(f"{file}: expected cameras.toml, got no such file; run `vfm-sdm cameras` first") from error
-    except (KeyError, TypeError, ValueError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, OSError) as error:
         raise ResultsError(
             f"{file}: expected a file written by `vfm-sdm cameras`, got {error}; delete it and run the stage again"
         ) from error
-    return solution, str(site["key"])
+    return solution, str(site.get("key", ""))
 
 
 def _by_view(variable: xr.DataArray) -> dict[str, dict[str, Any]]:
