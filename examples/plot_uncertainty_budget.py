@@ -1,6 +1,6 @@
 """Where the uncertainty comes from, and whether it is right: the budget of one point, and its errors in its intervals.
 
-Each sample's uncertainty is the root of the sum of squares of five components (`docs/method.md`). Which one is the
+Each sample's uncertainty is the root of the sum of squares of five components (`docs/conventions.md`). Which one is the
 largest says what to do better next time: a longer baseline, a better lens, a clap for the clocks, a higher bit rate.
 
     python examples/plot_uncertainty_budget.py [FOLDER]

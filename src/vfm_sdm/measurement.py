@@ -2,7 +2,7 @@
 
 Cameras (B), points and tracks (A), the camera motion taken out, one clock, refinement and displacement (C), and what is
 said of them. Any product can be asked for alone; what it needs is made before it, and nothing else. With a run folder,
-products whose inputs have not changed are read from it.
+cameras and tracks whose inputs have not changed are read from it.
 """
 
 from collections.abc import Mapping
@@ -318,7 +318,7 @@ class Measurement(Chain[Session]):
         return named
 
     def part_of(self, kind: Kind) -> dict[str, Any]:
-        """Name, settings and weights of the chosen part."""
+        """Weights of the chosen part."""
         return {"weights": str(getattr(self._part(kind), "weights_id", ""))}
 
     def part_settings(self, kind: Kind) -> list[str]:

@@ -10,7 +10,10 @@ import pytest
 from vfm_sdm.core.parts import KINDS
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "CHANGELOG")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 # Decisions tell what was true when they were taken.
 NAME = re.compile(r"`(vfm_sdm(?:\.\w+)+)`")
 LINK = re.compile(r"\]\(((?!https?:|#)[^)#\s]+)")
@@ -37,10 +40,14 @@ def is_there(dotted: str) -> bool:
     return False
 
 
-@pytest.mark.parametrize("package", sorted(p.name for p in (ROOT / "src" / "vfm_sdm").iterdir() if p.is_dir()))
+@pytest.mark.parametrize(
+    "package",
+    sorted(p.name for p in (ROOT / "src" / "vfm_sdm").iterdir() if p.suffix == ".py" or (p / "__init__.py").is_file()),
+)
 def test_docstrings_refer_to_what_there_is(package):
     missing = []
-    for path in (ROOT / "src" / "vfm_sdm" / package).rglob("*.py"):
+    place = ROOT / "src" / "vfm_sdm" / package
+    for path in place.rglob("*.py") if place.is_dir() else [place]:
         text = path.read_text(encoding="utf-8")
         missing += [f"{path.name}: {name}" for name in NAME.findall(text) if not is_there(name)]
     assert missing == []

@@ -50,6 +50,9 @@ app.command(weights)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]
+_WholeFiles = Annotated[
+    bool, Parameter(negative="", help="Hash large recordings as a whole, not by size, time stamp and samples.")
+]
 
 _RECIPE, _CLOCK = RecipeOptions(), ClockOptions()
 
@@ -96,9 +99,7 @@ def measure_command(
         tuple[str, ...],
         Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
     ] = (),
-    whole_files: Annotated[
-        bool, Parameter(negative="", help="Hash large recordings as a whole, not by size, time stamp and samples.")
-    ] = False,
+    whole_files: _WholeFiles = False,
 ) -> None:
     """Measure a session: from recordings to displacement in millimetres, with figures and summary.
 
@@ -119,32 +120,32 @@ def measure_command(
 
 
 @app.command
-def cameras(session: _SessionFile, *, output: _Output) -> None:
+def cameras(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False) -> None:
     """Only cameras, axes and the points' places in every view: writes cameras.toml."""
     settings = read_session(session)
     with _progress() as progress:
-        solution = Measurement(settings, output, progress=progress).cameras
+        solution = Measurement(settings, output, progress=progress, whole_files=whole_files).cameras
     for part in reports.camera_report(solution):
         _out.print(part)
     _say(f"written: {output / 'cameras.toml'}")
 
 
 @app.command
-def track(session: _SessionFile, *, output: _Output) -> None:
-    """Follow the points in every view: writes cameras.toml and tracks.nc. Works with a single view, too."""
+def track(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False) -> None:
+    """Follow the points in every view: writes cameras.toml, points.nc and tracks.nc. Works with a single view, too."""
     settings = read_session(session)
     with _progress() as progress:
-        tracks = Measurement(settings, output, progress=progress).tracks
+        tracks = Measurement(settings, output, progress=progress, whole_files=whole_files).tracks
     _out.print(reports.track_table(tracks))
     _say(f"written: {output / 'tracks.nc'}")
 
 
 @app.command
-def displacement(session: _SessionFile, *, output: _Output) -> None:
-    """Triangulate finished tracks: writes displacement.nc and displacement.csv."""
+def displacement(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False) -> None:
+    """Only displacement, without audit and figures: writes displacement.nc and displacement.csv."""
     settings = read_session(session)
     with _progress() as progress:
-        measurement = Measurement(settings, output, progress=progress)
+        measurement = Measurement(settings, output, progress=progress, whole_files=whole_files)
         result = measurement.displacement
     if result is None:
         _fail(f"no displacement: {measurement.cameras.status}")
