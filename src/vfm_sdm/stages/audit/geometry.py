@@ -118,7 +118,10 @@ def check_epipolar_motion(inputs: AuditInputs) -> AuditCheck:
 
 def check_agreement(inputs: AuditInputs) -> AuditCheck:
     """Difference of the vertical motion that two views alone show, of the two that differ most [1]."""
-    found = inputs.displacement["gain_difference"].sel(point=inputs.moving).values
+    shown = inputs.displacement.sel(point=inputs.moving)
+    # Without a trusted sample (nobody knows a clock, say), views that differ tell nothing of tracks and scale.
+    trusted = (shown["status"] == Status.OK).any("time")
+    found = shown["gain_difference"].where(trusted).values
     known = {p: abs(float(g)) for p, g in zip(inputs.moving, found, strict=True) if np.isfinite(g)}
     return judge(
         "agreement of the views",

@@ -174,6 +174,12 @@ def test_left_and_right(difference, outcome):
     assert check_agreement(AuditInputs(session=session(), displacement=shown)).outcome == outcome
 
 
+def test_left_and_right_tell_nothing_where_no_sample_is_trusted():
+    shown = displacement(status=np.full((FRAMES, 2), Status.UNRELIABLE)).assign(gain_difference=("point", [0.4, 0.9]))
+    found = check_agreement(AuditInputs(session=session(), displacement=shown))
+    assert found.outcome == Outcome.NOT_POSSIBLE
+
+
 def test_the_site_against_the_adjustment():
     good, bad = quantity("range", std=0.005), quantity("range", value=4.1, std=0.005)
     assert check_site(AuditInputs(cameras=cameras(good))).outcome == Outcome.PASS
