@@ -18,7 +18,7 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
-from vfm_sdm.inputs.session import Site
+from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
 from vfm_sdm.stages.matching.matches import Matches
 
@@ -112,7 +112,7 @@ def adjust_to_site(
     points: Mapping[str, FloatArray] | None = None,
     *,
     face_points: frozenset[str] = frozenset(),
-    levels: Mapping[str, tuple[float, float, float]] | None = None,
+    readings: Mapping[str, Readings] | None = None,
 ) -> SiteAdjustment:
     """Cameras and structural axes that agree best with lens priors, matches and everything measured on site.
 
@@ -130,8 +130,8 @@ def adjust_to_site(
         see a point; ranges and lengths refer to them.
     face_points
         Names of those points that lie on the structure's face, whose perpendicular distance was measured.
-    levels
-        Pitch, roll and their standard deviation [rad] of views other than the reference view.
+    readings
+        What was read at cameras other than the reference camera, by view.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def adjust_to_site(
     parameters of the rig by central differences. Errors of matches are correlated over the image, so that thousands of
     them carry the weight of a few dozen: see `vfm_sdm.stages.cameras.site_problem.SiteProblem`.
     """
-    problem = SiteProblem(rig, matches, site, points or {}, face_points=face_points, levels=levels or {})
+    problem = SiteProblem(rig, matches, site, points or {}, face_points=face_points, readings=readings or {})
     solution = _minimize_residuals(problem, np.zeros(problem.size))
     if problem.cell_rms(solution.x) > problem.match_std_px:
         # The errors of the camera model exceed the assumed standard deviation: the matches get less weight.

@@ -104,11 +104,7 @@ def _adjust(
         site,
         seen,
         face_points=frozenset(p.name for p in session.point if not p.static and p.name in seen),
-        levels={
-            v.name: (np.radians(v.level.pitch), np.radians(v.level.roll), np.radians(v.level.std_deg))
-            for v in session.view[1:]
-            if v.level is not None
-        },
+        readings={view.name: view for view in session.view[1:]},
     )
     return adjusted, unused
 

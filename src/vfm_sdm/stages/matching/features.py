@@ -8,7 +8,7 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.inputs.video import Region
 
-__all__ = ["match_features", "to_eight_bit"]
+__all__ = ["detect_features", "match_features", "to_eight_bit"]
 
 _LONG_SIDE_PX = 1500
 """Images with a longer side are reduced to it: finer features cost time and add nothing to the geometry."""
@@ -53,7 +53,7 @@ def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, Flo
     (True, True)
     """
     with ThreadPoolExecutor(2) as executor:
-        (points_a, descriptors_a), (points_b, descriptors_b) = executor.map(_detect, (first, second))
+        (points_a, descriptors_a), (points_b, descriptors_b) = executor.map(detect_features, (first, second))
     if min(len(points_a), len(points_b)) < 2:
         return np.empty((0, 2)), np.empty((0, 2))
     similarity = descriptors_a @ descriptors_b.T
@@ -93,7 +93,7 @@ def to_eight_bit(luma: LumaArray) -> np.ndarray[tuple[int, int], np.dtype[np.uin
     return np.asarray(np.round(np.clip(stretched, 0, 255)), dtype=np.uint8)
 
 
-def _detect(luma: LumaArray) -> tuple[FloatArray, np.ndarray[tuple[int, int], np.dtype[np.float32]]]:
+def detect_features(luma: LumaArray) -> tuple[FloatArray, np.ndarray[tuple[int, int], np.dtype[np.float32]]]:
     """Feature pixels, shape (N, 2), and RootSIFT descriptors, shape (N, 128)."""
     image = to_eight_bit(luma)
     height, width = image.shape

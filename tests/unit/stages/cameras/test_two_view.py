@@ -11,8 +11,9 @@ from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Session, Site
 from vfm_sdm.stages.cameras import two_view
+from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
 from vfm_sdm.stages.cameras.site import adjust_to_site
-from vfm_sdm.stages.cameras.two_view import TwoViewCameras, estimate_relative_pose
+from vfm_sdm.stages.cameras.two_view import TwoViewCameras
 from vfm_sdm.stages.matching.features import match_features, to_eight_bit
 
 

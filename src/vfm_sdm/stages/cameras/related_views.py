@@ -1,0 +1,231 @@
+"""How a further view relates to the first one: poses that matches and site allow, each tested against chance."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.geometry.triangulation import sampson_error
+from vfm_sdm.inputs.session import Readings, Session, quiet_frames
+from vfm_sdm.stages.cameras.face_poses import Face, PoseOnFace, propose_poses
+from vfm_sdm.stages.cameras.relative_pose import chance_support, count_places, estimate_relative_pose
+from vfm_sdm.stages.matching.features import match_features
+from vfm_sdm.stages.matching.guided import match_through
+from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.smooth import agree_smoothly
+
+__all__ = ["MIN_INLIERS", "Known", "RelatedView", "relate_to_first", "relate_view"]
+
+MIN_INLIERS = 30
+"""Number of matches in agreement with one pose from which a pair of views counts as related."""
+_CHANCE_STD = 3.0
+"""By how many standard deviations of a count the support has to exceed what chance gives."""
+_REACH = (0.045, 0.025)
+"""How far along rows and columns the face's map may be wrong before it is adjusted, over the longer side: the depth of
+what lies on the face, and a camera that was levelled by eye."""
+_NOISE = 2e-3
+"""Tolerance of a feature's place across the epipolar line, over the longer side."""
+_DEPTH_STD = 2.5
+_AGREEING = 0.7
+"""Share of the matches of one pose that have to agree with another one, for the two to count as the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What the site tells of the poses.
+
+    Parameters
+    ----------
+    baseline_m
+        Distance of the first two cameras [m].
+    face
+        The structure's face; ``None`` where its distances were not measured.
+    readings
+        What was read at the further camera.
+    """
+
+    baseline_m: float
+    face: Face | None = None
+    readings: Readings = field(default_factory=Readings)
+
+
+@dataclass(frozen=True, eq=False)
+class RelatedView:
+    """A view beside the first one.
+
+    Parameters
+    ----------
+    camera
+        The camera with its pose in the first camera's frame, at a distance of one baseline.
+    matches
+        Matches of both views that agree with this pose.
+    support, chance
+        Number of places in the images where matches agree with this pose, and where they would agree with some pose by
+        chance.
+    fault
+        Why the two do not count as related, in a sentence; empty where they do.
+    """
+
+    camera: Camera
+    matches: Matches
+    support: int
+    chance: int
+    fault: str = ""
+
+    @property
+    def clearness(self) -> float:
+        """Support above chance [standard deviations of a count]."""
+        return float((self.support - self.chance) / np.sqrt(max(self.chance, 1)))
+
+
+def relate_to_first(
+    session: Session, frames: Mapping[str, LumaArray], cameras: Sequence[Camera]
+) -> Iterator[list[RelatedView]]:
+    """Poses of every further view beside the first one, each view by itself.
+
+    Parameters
+    ----------
+    session
+        What the site tells: baseline, distances and level readings.
+    frames
+        Luma by view name, shape (H, W) each, in the session's order.
+    cameras
+        Intrinsics and distortion of each [px, 1].
+    """
+    images = quiet_frames(frames)
+    first, *others = images
+    readings = {view.name: view for view in session.view}
+    baseline, face = session.site.baseline, Face.of(session.site)
+    for index, name in enumerate(others, start=1):
+        # The tape lay between the first two cameras; of the others nobody knows how far they stand.
+        known = Known(1.0)
+        if baseline is not None:
+            known = Known(baseline.value, face if index == 1 else None, readings[name])
+        yield relate_view((first, name), (images[first], images[name]), (cameras[0], cameras[index]), index, known)
+
+
+def relate_view(
+    names: tuple[str, str],
+    images: tuple[LumaArray, LumaArray],
+    cameras: tuple[Camera, Camera],
+    index: int,
+    known: Known,
+) -> list[RelatedView]:
+    """Poses of a further view that its matches with the first one allow.
+
+    Parameters
+    ----------
+    names
+        Names of the two views, for sentences.
+    images
+        Luma of the two views, shape (H, W) each.
+    cameras
+        Intrinsics and distortion of each [px, 1].
+    index
+        Index of the further view in the rig.
+    known
+        What the site tells of the poses.
+
+    Returns
+    -------
+    related
+        One for each pose, the clearest first; at least one, with a fault where no pose stands out from chance.
+    """
+    matches = Matches(0, index, *match_features(*images))
+    free = _relate_freely(names, matches, cameras)
+    if known.face is None:
+        return [free]
+    proposals = propose_poses(matches, cameras, known.face, known.baseline_m, known.readings)
+    related = []
+    for number, proposal in enumerate(proposals):
+        others = [p.support for i, p in enumerate(proposals) if i != number]
+        guided = _match_on_face(images, (cameras[0], proposal.camera), known.face, index)
+        one = _on_face(names, proposal, guided, max(others, default=0))
+        related.append(one)
+    clear = [one for one in related if not one.fault]
+    if not free.fault:
+        same = [_joined(one, free, cameras[0]) for one in clear]
+        clear = [one for one in same if one is not None] or [*clear, free]
+    clear.sort(key=lambda one: -one.clearness)
+    return clear or [free]
+
+
+def _relate_freely(names: tuple[str, str], matches: Matches, cameras: tuple[Camera, Camera]) -> RelatedView:
+    """The pose that most matches agree with, whatever the site says."""
+    pose, agree = estimate_relative_pose(matches.points_first, matches.points_second, *cameras)
+    support = int(count_places(agree[None], matches, cameras)[0]) if len(matches) else 0
+    one = RelatedView(
+        replace(cameras[1], cam_from_world=pose), matches.chosen(agree), support, chance_support(matches, cameras)
+    )
+    return replace(one, fault=_find_fault(names, one, len(matches)))
+
+
+def _find_fault(names: tuple[str, str], one: RelatedView, tried: int) -> str:
+    pair = f"{names[0]} and {names[1]}"
+    if len(one.matches) < MIN_INLIERS:
+        return (
+            f"{pair}: {len(one.matches)} of {tried} matches agree, {MIN_INLIERS} are needed; choose views that overlap "
+            "more, or name five points in both views (pixel_in)"
+        )
+    if one.clearness < _CHANCE_STD:
+        return (
+            f"{pair}: matches agree in {one.support} places of the images, by chance they do in {one.chance}: no pose "
+            "stands out, as with what repeats; measure perpendicular and longitudinal distance, name five points in "
+            "both views (pixel_in), or use a learned matcher"
+        )
+    return ""
+
+
+def _on_face(names: tuple[str, str], proposal: PoseOnFace, guided: Matches, chance: int) -> RelatedView:
+    """A pose that the face proposed, with the matches that it guided."""
+    matches = guided if len(guided) >= len(proposal.matches) else proposal.matches
+    one = RelatedView(proposal.camera, matches, proposal.support, chance)
+    return replace(one, fault=_find_fault(names, one, len(matches)))
+
+
+def _match_on_face(
+    images: tuple[LumaArray, LumaArray], cameras: tuple[Camera, Camera], face: Face, index: int
+) -> Matches:
+    """Matches of features on the face, guided by a pose, without those that their surroundings contradict."""
+    first, second = cameras
+    side = max(second.image_size)
+
+    def through(pixels: FloatArray, beyond_m: float = 0.0) -> FloatArray:
+        return second.project(face.points(first, pixels, beyond_m) @ face.axes)
+
+    reach = (_REACH[0] * side, _REACH[1] * side)
+    pixels, seen = match_through(*images, through, reach)
+    if not len(pixels):
+        return Matches(0, index, pixels, seen)
+    place = through(pixels)
+    shift = through(pixels, face.std_m) - place
+    length = np.linalg.norm(shift, axis=1)
+    unit = shift / np.maximum(length, 1e-9)[:, None]
+    off = seen - place
+    across = (off[:, 0] * unit[:, 1] - off[:, 1] * unit[:, 0]) / (_NOISE * side)
+    along = (off * unit).sum(axis=1) / np.hypot(_NOISE * side, _DEPTH_STD * length)
+    known = np.isfinite(across) & np.isfinite(along)
+    pixels, seen = pixels[known], seen[known]
+    agree = agree_smoothly(pixels, np.column_stack([across, along])[known])
+    return Matches(0, index, pixels[agree], seen[agree], np.ones(int(agree.sum()), dtype=np.bool_))
+
+
+def _joined(one: RelatedView, free: RelatedView, first: Camera) -> RelatedView | None:
+    """The pose on the face with the matches of the free one too, where the two are the same; else ``None``."""
+    scale = np.linalg.norm(one.camera.translation)
+    rig = Rig(("first", "second"), (first, one.camera))
+    m = free.matches
+    error = np.abs(sampson_error(m.points_first, m.points_second, rig))
+    turn = Rotation.from_matrix(one.camera.rotation @ free.camera.rotation.T).magnitude()
+    agree = error < 2 * _NOISE * max(first.image_size)
+    if scale == 0 or agree.mean() < _AGREEING or turn > np.radians(10):
+        return None
+    pixels = np.concatenate([one.matches.points_first, m.points_first])
+    seen = np.concatenate([one.matches.points_second, m.points_second])
+    on_face = np.concatenate([one.matches.on_face, np.zeros(len(m), dtype=np.bool_)])
+    _, rows = np.unique(np.round(np.column_stack([pixels, seen])), axis=0, return_index=True)
+    joined = Matches(m.first, m.second, pixels[rows], seen[rows], on_face[rows])
+    return replace(one, matches=joined, support=max(one.support, free.support), chance=min(one.chance, free.chance))
