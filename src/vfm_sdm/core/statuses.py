@@ -64,6 +64,8 @@ class CameraStatus(StrEnum):
     OK = "ok"
     ONE_VIEW = "one view: motion in the image plane only"
     TOO_FEW_MATCHES = "too few matches between the views"
+    NOT_CLEAR = "no cameras stand out from chance"
+    """Matches agree with a pose no better than unrelated ones would, as with what repeats."""
     NO_COMMON_SCALE = "too few points seen in three views"
     CONTRADICTION = "focal lengths contradict what is known of the lenses"
     BASELINES_DISAGREE = "chessboard and measured baseline disagree"
@@ -76,6 +78,8 @@ class CameraStatus(StrEnum):
     """No focal prior and nothing measured on site that fixes the focal length: displacement has no usable scale."""
     UNKNOWN_DISTANCE = "distance of a further camera not determined"
     """Too few points are seen in three views, and nothing was measured, to determine the distance of a third camera."""
+    SEVERAL = "several cameras agree with everything known"
+    """The uncertainty spans them; a note names the reading that would decide."""
     NOT_CONVERGED = "site adjustment did not converge"
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Readings, Session, quiet_frames
@@ -15,12 +16,17 @@ from vfm_sdm.stages.cameras.relative_pose import chance_support, count_places, e
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.guided import match_through
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.points import given_points
 from vfm_sdm.stages.matching.smooth import agree_smoothly
 
-__all__ = ["MIN_INLIERS", "Known", "RelatedView", "relate_to_first", "relate_view"]
+__all__ = ["MIN_INLIERS", "POINTED_STD_PX", "Known", "RelatedView", "relate_to_first", "relate_view"]
 
 MIN_INLIERS = 30
 """Number of matches in agreement with one pose from which a pair of views counts as related."""
+POINTED_STD_PX = 1.5
+"""Standard deviation of a place that somebody pointed at [px]."""
+_NAMED = 5
+"""Points named in both views that determine a pose."""
 _CHANCE_STD = 3.0
 """By how many standard deviations of a count the support has to exceed what chance gives."""
 _REACH = (0.045, 0.025)
@@ -45,11 +51,14 @@ class Known:
         The structure's face; ``None`` where its distances were not measured.
     readings
         What was read at the further camera.
+    named
+        Pixels of the points that the session names in both views; ``None`` where it does not.
     """
 
     baseline_m: float
     face: Face | None = None
     readings: Readings = field(default_factory=Readings)
+    named: Matches | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +76,10 @@ class RelatedView:
         chance.
     fault
         Why the two do not count as related, in a sentence; empty where they do.
+    status
+        The same in a word.
+    named
+        Points that the session names in both views, which always take part.
     """
 
     camera: Camera
@@ -74,6 +87,13 @@ class RelatedView:
     support: int
     chance: int
     fault: str = ""
+    status: CameraStatus = CameraStatus.OK
+    named: Matches | None = None
+
+    @property
+    def all_matches(self) -> tuple[Matches, ...]:
+        """The matches, and the points named in both views."""
+        return (self.matches,) if self.named is None else (self.matches, self.named)
 
     @property
     def clearness(self) -> float:
@@ -101,10 +121,14 @@ def relate_to_first(
     baseline, face = session.site.baseline, Face.of(session.site)
     for index, name in enumerate(others, start=1):
         # The tape lay between the first two cameras; of the others nobody knows how far they stand.
-        known = Known(1.0)
+        known = Known(1.0, named=_named_pairs(session, (first, name), index))
         if baseline is not None:
-            known = Known(baseline.value, face if index == 1 else None, readings[name])
-        yield relate_view((first, name), (images[first], images[name]), (cameras[0], cameras[index]), index, known)
+            known = replace(
+                known, baseline_m=baseline.value, face=face if index == 1 else None, readings=readings[name]
+            )
+        pair = (images[first], images[name]), (cameras[0], cameras[index])
+        related = relate_view((first, name), *pair, index, known)
+        yield [one if one.matches is known.named else replace(one, named=known.named) for one in related]
 
 
 def relate_view(
@@ -136,21 +160,17 @@ def relate_view(
     """
     matches = Matches(0, index, *match_features(*images))
     free = _relate_freely(names, matches, cameras)
+    by_hand = _relate_by_hand(known, cameras)
     if known.face is None:
-        return [free]
+        return [free if not free.fault else by_hand or free]
     proposals = propose_poses(matches, cameras, known.face, known.baseline_m, known.readings)
-    related = []
-    for number, proposal in enumerate(proposals):
-        others = [p.support for i, p in enumerate(proposals) if i != number]
-        guided = _match_on_face(images, (cameras[0], proposal.camera), known.face, index)
-        one = _on_face(names, proposal, guided, max(others, default=0))
-        related.append(one)
+    related = _guide(names, images, cameras, (proposals, known.face))
     clear = [one for one in related if not one.fault]
     if not free.fault:
         same = [_joined(one, free, cameras[0]) for one in clear]
         clear = [one for one in same if one is not None] or [*clear, free]
     clear.sort(key=lambda one: -one.clearness)
-    return clear or [free]
+    return clear or [by_hand or free]
 
 
 def _relate_freely(names: tuple[str, str], matches: Matches, cameras: tuple[Camera, Camera]) -> RelatedView:
@@ -160,7 +180,37 @@ def _relate_freely(names: tuple[str, str], matches: Matches, cameras: tuple[Came
     one = RelatedView(
         replace(cameras[1], cam_from_world=pose), matches.chosen(agree), support, chance_support(matches, cameras)
     )
-    return replace(one, fault=_find_fault(names, one, len(matches)))
+    return _judged(names, one, len(matches))
+
+
+def _named_pairs(session: Session, views: tuple[str, str], index: int) -> Matches | None:
+    """Pixels of the points that the session names in both views."""
+    points = given_points(session, views)["position"].transpose("view", "point", "pixel").values
+    both = np.isfinite(points).all(axis=(0, 2))
+    return Matches(0, index, points[0, both], points[1, both], std_px=POINTED_STD_PX) if both.any() else None
+
+
+def _relate_by_hand(known: Known, cameras: tuple[Camera, Camera]) -> RelatedView | None:
+    """The pose from the points that somebody named in both views alone; ``None`` where they are too few."""
+    named = known.named
+    if named is None or len(named) < _NAMED:
+        return None
+    if known.face is not None:
+        proposals = propose_poses(named, cameras, known.face, known.baseline_m, known.readings)
+        if proposals and len(proposals[0].matches) >= _NAMED:
+            return RelatedView(proposals[0].camera, named, len(named), 0)
+    pose, agree = estimate_relative_pose(named.points_first, named.points_second, *cameras)
+    if agree.sum() < _NAMED:
+        return None
+    return RelatedView(replace(cameras[1], cam_from_world=pose), named.chosen(agree), int(agree.sum()), 0)
+
+
+def _judged(names: tuple[str, str], one: RelatedView, tried: int) -> RelatedView:
+    """The view with its fault, if it has one."""
+    fault = _find_fault(names, one, tried)
+    few = len(one.matches) < MIN_INLIERS
+    status = CameraStatus.OK if not fault else CameraStatus.TOO_FEW_MATCHES if few else CameraStatus.NOT_CLEAR
+    return replace(one, fault=fault, status=status)
 
 
 def _find_fault(names: tuple[str, str], one: RelatedView, tried: int) -> str:
@@ -179,11 +229,28 @@ def _find_fault(names: tuple[str, str], one: RelatedView, tried: int) -> str:
     return ""
 
 
-def _on_face(names: tuple[str, str], proposal: PoseOnFace, guided: Matches, chance: int) -> RelatedView:
-    """A pose that the face proposed, with the matches that it guided."""
-    matches = guided if len(guided) >= len(proposal.matches) else proposal.matches
-    one = RelatedView(proposal.camera, matches, proposal.support, chance)
-    return replace(one, fault=_find_fault(names, one, len(matches)))
+def _guide(
+    names: tuple[str, str],
+    images: tuple[LumaArray, LumaArray],
+    cameras: tuple[Camera, Camera],
+    proposed: tuple[list[PoseOnFace], Face],
+) -> list[RelatedView]:
+    """Poses that the face proposed, with the matches that each of them guides.
+
+    A wrong pose guides matches, too, wherever a pattern repeats: what the others reach is chance.
+    """
+    proposals, face = proposed
+    guided = []
+    for proposal in proposals:
+        found = _match_on_face(images, (cameras[0], proposal.camera), face, proposal.matches.second)
+        guided.append(found if len(found) >= len(proposal.matches) else proposal.matches)
+    support = [int(count_places(np.ones((1, len(m)), dtype=np.bool_), m, cameras)[0]) for m in guided]
+    related = []
+    for number, (proposal, found) in enumerate(zip(proposals, guided, strict=True)):
+        chance = max(support[:number] + support[number + 1 :], default=0)
+        one = RelatedView(proposal.camera, found, support[number], chance)
+        related.append(_judged(names, one, len(found)))
+    return related
 
 
 def _match_on_face(

@@ -147,7 +147,7 @@ def estimate_relative_pose(
     >>> bool(np.allclose(pose[:, 3], [-1, 0, 0], atol=1e-4)), int(inliers.sum())
     (True, 50)
     """
-    if len(points_first) < 8:
+    if len(points_first) < 5:
         return np.eye(3, 4), np.zeros(len(points_first), dtype=bool)
     threshold = max(1.0, 1e-3 * first.image_size[0])
     pixels = [

@@ -94,6 +94,8 @@ class SiteAdjustment:
         Sentences for the summary about quantities that disagree or that the data could not determine.
     epipolar_rms_px
         Root mean square epipolar error of the matches after the adjustment [px]; NaN without matches.
+    cost
+        Sum of all squared residuals over their standard deviations, priors included [1].
     """
 
     rig: Rig
@@ -103,6 +105,7 @@ class SiteAdjustment:
     status: str
     notes: tuple[str, ...]
     epipolar_rms_px: float
+    cost: float
 
 
 def adjust_to_site(
@@ -169,7 +172,8 @@ def adjust_to_site(
     rig = Rig(rig.names, rig.cameras, metric, joint[:count, :count])
     quantities = _list_quantities(problem, solution.x, whitened)
     status, notes = _judge(quantities, problem, bool(solution.success))
-    return SiteAdjustment(rig, frame, joint, quantities, status, notes, problem.epipolar_rms(solution.x))
+    rms = problem.epipolar_rms(solution.x)
+    return SiteAdjustment(rig, frame, joint, quantities, status, notes, rms, 2 * float(solution.cost))
 
 
 def _minimize_residuals(problem: SiteProblem, start: FloatArray) -> OptimizeResult:

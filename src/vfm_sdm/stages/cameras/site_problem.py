@@ -261,6 +261,8 @@ class SiteProblem:
         rig = self.rig(z)
         squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
         for group in self._pairs:
+            if group.matches.std_px:
+                continue
             error = _compute_epipolar_error(group.matches, rig)
             means = [float(np.median(error[group.cell == cell])) for cell in np.unique(group.cell)]
             squares, free = squares + float(np.sum(np.square(means))), free + len(means)
@@ -372,7 +374,7 @@ class SiteProblem:
         parts = [np.empty(0)]
         for group in self._pairs:
             error = _compute_epipolar_error(group.matches, rig)
-            parts.append(_bend(error / self.match_std_px) * group.weight)
+            parts.append(_bend(error / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight)
         return np.concatenate(parts)
 
     def _compute_shared_residuals(self, z: FloatArray) -> FloatArray:

@@ -52,13 +52,14 @@ class TwoViewCameras:
         """
         priors = read_priors(session, frames, estimator=self.name)
         related = list(relate_to_first(session, frames, priors.cameras))
-        faults = [views[0].fault for views in related if views[0].fault]
-        if faults:
-            return CameraEstimate(None, (), CameraStatus.TOO_FEW_MATCHES, (*priors.notes, *faults))
+        faulty = [views[0] for views in related if views[0].fault]
+        if faulty:
+            notes = (*priors.notes, *(view.fault for view in faulty))
+            return CameraEstimate(None, (), faulty[0].status, notes)
         if len(related) > 1:
             return _estimate_several(priors, [views[0] for views in related])
         first = priors.cameras[0]
-        hypotheses = [Hypothesis(priors.metric_rig([first, one.camera]), (one.matches,)) for one in related[0]]
+        hypotheses = [Hypothesis(priors.metric_rig([first, one.camera]), one.all_matches) for one in related[0]]
         best, *others = hypotheses
         return CameraEstimate(best.rig, best.matches, CameraStatus.OK, priors.notes, tuple(others))
 
@@ -67,7 +68,7 @@ def _estimate_several(priors: CameraPriors, related: list[RelatedView]) -> Camer
     """Three views or more: the distance of each further one from points that it shares with the first two."""
     names, first = priors.names, priors.cameras[0]
     cameras = [first, *(view.camera for view in related)]
-    matches = [view.matches for view in related]
+    matches = [m for view in related for m in view.all_matches]
     for index, view in enumerate(related[1:], start=2):
         ratios, common = _compare_distances(first, related[0], view)
         if len(common) < MIN_INLIERS:

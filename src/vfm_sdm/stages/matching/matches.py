@@ -22,6 +22,8 @@ class Matches:
         Full-image pixels in each view, shape (N, 2) each [px]; row i of both is the same scene point.
     on_face
         Whether each lies on the structure's face, shape (N,); none when left out.
+    std_px
+        Standard deviation of pixels that somebody pointed at [px]; 0 of features, whose errors the residuals show.
 
     Raises
     ------
@@ -41,6 +43,7 @@ class Matches:
     points_first: FloatArray
     points_second: FloatArray
     on_face: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    std_px: float = 0.0
 
     def __post_init__(self) -> None:
         if self.first == self.second or min(self.first, self.second) < 0:

@@ -11,7 +11,7 @@ from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import Session
 
-__all__ = ["check_inside", "named_points"]
+__all__ = ["check_inside", "given_points", "named_points"]
 
 
 def check_inside(session: Session, frames: Mapping[str, LumaArray]) -> None:
@@ -66,3 +66,28 @@ def named_points(session: Session, views: Sequence[str]) -> xr.Dataset:
     return make_points(
         views, names, position=position, position_std=np.where(np.isnan(position), np.nan, 0.0), status=status
     )
+
+
+def given_points(session: Session, views: Sequence[str]) -> xr.Dataset:
+    """Points dataset with every pixel that the session names, of other views too; NaN elsewhere.
+
+    Parameters
+    ----------
+    session
+        The measurement, which names the points.
+    views
+        Names of the V views, in order.
+
+    Returns
+    -------
+    points
+        Points dataset with the pixels of P points, shape (V, P, 2) [px].
+    """
+    points = named_points(session, views)
+    for point in session.point:
+        for view, pixel in point.pixel_in.items():
+            here = {"view": view, "point": point.name}
+            points["position"].loc[here] = pixel
+            points["position_std"].loc[here] = 0.0
+            points["status"].loc[here] = str(PointStatus.OK)
+    return points

@@ -143,9 +143,7 @@ def test_level_second_camera_is_an_observation():
     site = measured_site(trial, rng)
     readings = {"b": Readings(level=Level(std_deg=0.05))}
     before = {q.name: q for q in adjust_to_site(trial.prior, [], site, {}).quantities}
-    adjustment = adjust_to_site(
-        trial.prior, [], site, {}, readings=readings
-    )
+    adjustment = adjust_to_site(trial.prior, [], site, {}, readings=readings)
     after = {q.name: q for q in adjustment.quantities}
     assert "pitch b" not in before
     # The reference camera's own level is only known to a degree, so its reading cannot be beaten by the second.
