@@ -115,7 +115,8 @@ def relate_to_first(frames: Mapping[str, LumaArray], cameras: Sequence[Camera]) 
     """
     names, images = list(frames), list(frames.values())
     for index in range(1, len(images)):
-        first, second = match_features(images[0], images[index])
+        found = match_features(images[0], images[index])
+        first, second = found.points_first, found.points_second
         pose, agree = estimate_relative_pose(first, second, cameras[0], cameras[index])
         count, fault = int(agree.sum()), ""
         if count < MIN_INLIERS:
