@@ -158,7 +158,8 @@ def relate_view(
     related
         One for each pose, the clearest first; at least one, with a fault where no pose stands out from chance.
     """
-    matches = Matches(0, index, *match_features(*images))
+    found = match_features(*images)
+    matches = Matches(0, index, found.points_first, found.points_second)
     free = _relate_freely(names, matches, cameras)
     by_hand = _relate_by_hand(known, cameras)
     if known.face is None:

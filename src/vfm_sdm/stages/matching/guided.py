@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
-from vfm_sdm.stages.matching.features import detect_features, to_eight_bit
+from vfm_sdm.stages.matching.detection import detect_features, to_eight_bit
 
 __all__ = ["match_through"]
 
@@ -63,12 +63,11 @@ def match_through(
     drawn = cv2.remap(
         to_eight_bit(second), known[..., 0], known[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    points, descriptors = detect_features(first)
-    there, others = detect_features(np.asarray(drawn, dtype=np.uint8))
-    there = (there + 0.5) / scale - 0.5
+    seen, other = detect_features(first, stretched=False), detect_features(np.asarray(drawn, np.uint8), stretched=False)
+    points, there = seen.points, (other.points + 0.5) / scale - 0.5
     if min(len(points), len(there)) < 2:
         return np.empty((0, 2)), np.empty((0, 2))
-    best, kept = _match_nearby((points, descriptors), (there, others), reach_px)
+    best, kept = _match_nearby((points, seen.descriptors), (there, other.descriptors), reach_px)
     first_points, second_points = points[kept], through(there[best[kept]])
     height, width = second.shape
     inside = np.isfinite(second_points).all(axis=1)

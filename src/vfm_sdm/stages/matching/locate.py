@@ -156,7 +156,8 @@ def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]
     """Matches of every view with the reference view that agree with a known rig."""
     found = []
     for index in range(1, len(images)):
-        first, second = match_features(images[0], images[index])
+        matches = match_features(images[0], images[index])
+        first, second = matches.points_first, matches.points_second
         near = np.abs(sampson_error(first, second, rig, second=index)) < _EPIPOLAR_BAND * images[0].shape[1]
         found.append(Matches(0, index, first[near], second[near]))
     return tuple(found)
