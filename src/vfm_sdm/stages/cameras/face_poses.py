@@ -24,7 +24,7 @@ __all__ = ["Face", "PoseOnFace", "propose_poses"]
 _DIRECTIONS = 72
 """Directions of the baseline that are tried, 5 degrees apart: a turn by half of that moves a point on the face by less
 than the tolerance, once the camera is turned back to the match."""
-_VOTERS = 300
+_VOTERS = 160
 """Matches that propose a pose each; all matches vote."""
 _TOLERANCE = 5e-3
 """Tolerance of a vote across the epipolar line, over the image's longer side: what level and height of a camera set up
@@ -35,8 +35,9 @@ _LEVEL_STD = np.radians(1.5)
 _HEIGHT_STD_M = 0.5
 """Roll and height of the second camera where nobody read them: tripods that are levelled by eye, on one ground."""
 _STEEPEST = np.radians(60)
-_SAME_POSE_DEG = 2.0
-_PROPOSALS = 4
+_SAME_POSE = np.radians(3)
+_PROPOSALS = 3
+_FITS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +131,7 @@ def propose_poses(
     Returns
     -------
     proposals
-        At most four poses that differ by more than two degrees; none where no match meets the face.
+        At most three poses that differ by more than three degrees; none where no match meets the face.
 
     Notes
     -----
@@ -153,18 +154,7 @@ def propose_poses(
     if not tried:
         return []
     poses, support = np.concatenate(tried), np.concatenate(votes)
-    proposals = []
-    for _ in range(_PROPOSALS):
-        if not len(poses):
-            break
-        proposal = _fit(ground, poses[support.argmax()], matches, (cameras[1], baseline_m, readings))
-        proposals.append(proposal)
-        fitted = Rotation.from_matrix(face.axes @ proposal.camera.rotation.T)
-        # The start leaves, too, where its fit has moved away.
-        others = (Rotation.from_matrix(_rotations(poses)) * fitted.inv()).magnitude() > np.radians(_SAME_POSE_DEG)
-        others &= (poses[:, :3] != poses[support.argmax(), :3]).any(axis=1)
-        poses, support = poses[others], support[others]
-    return sorted(proposals, key=lambda one: -one.support)
+    return _choose_proposals(ground, (poses, support), matches, (cameras[1], baseline_m, readings))
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,6 +262,30 @@ def _turn_to(ground: _Ground, centre: FloatArray, voters: IntArray, readings: Re
 def _rotations(poses: FloatArray) -> FloatArray:
     """Rotations from the camera to the structure's axes, of yaw, pitch and roll, shape (K, 3, 3)."""
     return np.asarray(Rotation.from_euler("YXZ", np.atleast_2d(poses)[:, :3]).as_matrix())
+
+
+def _choose_proposals(
+    ground: "_Ground", voted: tuple[FloatArray, IntArray], matches: Matches, known: tuple[Camera, float, Readings]
+) -> list[PoseOnFace]:
+    """The poses with most votes that differ from each other once they are fitted."""
+    poses, support = voted
+    turns = Rotation.from_matrix(_rotations(poses))
+    left = np.ones(len(poses), dtype=np.bool_)
+    proposals: list[PoseOnFace] = []
+    fitted: list[Rotation] = []
+    for _ in range(_FITS):
+        if not left.any() or len(proposals) == _PROPOSALS:
+            break
+        start = int(np.where(left, support, -1).argmax())
+        proposal = _fit(ground, poses[start], matches, known)
+        turn = Rotation.from_matrix(ground.face.axes @ proposal.camera.rotation.T)
+        if all((turn * other.inv()).magnitude() > _SAME_POSE for other in fitted):
+            proposals.append(proposal)
+        fitted.append(turn)
+        # The neighbours of a start end where it ended.
+        for one in (turn, turns[start]):
+            left &= (turns * one.inv()).magnitude() > _SAME_POSE
+    return sorted(proposals, key=lambda one: -one.support)
 
 
 def _fit(ground: _Ground, pose: FloatArray, matches: Matches, known: tuple[Camera, float, Readings]) -> PoseOnFace:

@@ -13,6 +13,7 @@ from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Readings, Session, quiet_frames
 from vfm_sdm.stages.cameras.face_poses import Face, PoseOnFace, propose_poses
 from vfm_sdm.stages.cameras.relative_pose import chance_support, count_places, estimate_relative_pose
+from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.guided import match_through
 from vfm_sdm.stages.matching.matches import Matches
@@ -241,9 +242,10 @@ def _guide(
     A wrong pose guides matches, too, wherever a pattern repeats: what the others reach is chance.
     """
     proposals, face = proposed
+    features = detect_features(images[0], stretched=False)
     guided = []
     for proposal in proposals:
-        found = _match_on_face(images, (cameras[0], proposal.camera), face, proposal.matches.second)
+        found = _match_on_face((features, images), (cameras[0], proposal.camera), face, proposal.matches.second)
         guided.append(found if len(found) >= len(proposal.matches) else proposal.matches)
     support = [int(count_places(np.ones((1, len(m)), dtype=np.bool_), m, cameras)[0]) for m in guided]
     related = []
@@ -255,7 +257,7 @@ def _guide(
 
 
 def _match_on_face(
-    images: tuple[LumaArray, LumaArray], cameras: tuple[Camera, Camera], face: Face, index: int
+    pictures: tuple[ImageFeatures, tuple[LumaArray, LumaArray]], cameras: tuple[Camera, Camera], face: Face, index: int
 ) -> Matches:
     """Matches of features on the face, guided by a pose, without those that their surroundings contradict."""
     first, second = cameras
@@ -265,7 +267,7 @@ def _match_on_face(
         return second.project(face.points(first, pixels, beyond_m) @ face.axes)
 
     reach = (_REACH[0] * side, _REACH[1] * side)
-    pixels, seen = match_through(*images, through, reach)
+    pixels, seen = match_through(*pictures, through, reach)
     if not len(pixels):
         return Matches(0, index, pixels, seen)
     place = through(pixels)

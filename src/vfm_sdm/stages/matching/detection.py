@@ -97,10 +97,8 @@ def detect_features(luma: LumaArray, *, stretched: bool = True) -> ImageFeatures
     height, width = image.shape
     scale = min(1.0, _LONG_SIDE_PX / max(height, width))
     place_px = _SAME_PLACE_PX / scale
-    found = [
-        _detect(image, (round(width * scale * u), round(height * scale * v)))
-        for u, v in _STRETCHES[: None if stretched else 1]
-    ]
+    versions = _STRETCHES if stretched else _STRETCHES[:1]
+    found = [_detect(image, (round(width * scale * u), round(height * scale * v))) for u, v in versions]
     plain = found[0][0]
     points, descriptors, version = [np.empty((0, 2))], [np.empty((0, 128), np.float32)], [np.empty(0, dtype=np.intp)]
     for number, (places, described) in enumerate(found):

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
-from vfm_sdm.stages.matching.detection import detect_features, to_eight_bit
+from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features, to_eight_bit
 
 __all__ = ["match_through"]
 
@@ -21,14 +21,19 @@ Descriptors = np.ndarray[tuple[int, int], np.dtype[np.float32]]
 
 
 def match_through(
-    first: LumaArray, second: LumaArray, through: Callable[[FloatArray], FloatArray], reach_px: tuple[float, float]
+    first: ImageFeatures,
+    images: tuple[LumaArray, LumaArray],
+    through: Callable[[FloatArray], FloatArray],
+    reach_px: tuple[float, float],
 ) -> tuple[FloatArray, FloatArray]:
     """Features of two images that lie nearly where a known map leads.
 
     Parameters
     ----------
-    first, second
-        Luma, shape (H, W).
+    first
+        Features of the first image as it is.
+    images
+        Luma of both, shape (H, W) each.
     through
         Map of pixels of the first image, shape (N, 2) [px], to those of the second; NaN where there is none.
     reach_px
@@ -50,24 +55,27 @@ def match_through(
     >>> from scipy.ndimage import gaussian_filter
     >>> texture = gaussian_filter(np.random.default_rng(0).normal(0, 1, (240, 340)), 2)
     >>> image = np.rint(128 + 300 * texture).clip(0, 255).astype(np.uint8)
-    >>> first, second = match_through(image[:, 20:], image[:, :-20], lambda pixels: pixels + [17.0, 0.0], (8.0, 4.0))
+    >>> pair = (image[:, 20:], image[:, :-20])
+    >>> features = detect_features(pair[0], stretched=False)
+    >>> first, second = match_through(features, pair, lambda pixels: pixels + [17.0, 0.0], (8.0, 4.0))
     >>> len(first) > 50, bool(np.allclose(np.median(second - first, axis=0), [20, 0], atol=0.1))
     (True, True)
     """
-    scale = min(1.0, _LONG_SIDE_PX / max(first.shape))
-    size = (round(first.shape[1] * scale), round(first.shape[0] * scale))
-    places = _map_pixels(first.shape, size, through)
+    seen, second = images
+    scale = min(1.0, _LONG_SIDE_PX / max(seen.shape))
+    size = (round(seen.shape[1] * scale), round(seen.shape[0] * scale))
+    places = _map_pixels(seen.shape, size, through)
     if not np.isfinite(places).any():
         return np.empty((0, 2)), np.empty((0, 2))
     known = np.nan_to_num(places, nan=-1e4).astype(np.float32)
     drawn = cv2.remap(
         to_eight_bit(second), known[..., 0], known[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    seen, other = detect_features(first, stretched=False), detect_features(np.asarray(drawn, np.uint8), stretched=False)
-    points, there = seen.points, (other.points + 0.5) / scale - 0.5
+    other = detect_features(np.asarray(drawn, np.uint8), stretched=False)
+    points, there = first.points, (other.points + 0.5) / scale - 0.5
     if min(len(points), len(there)) < 2:
         return np.empty((0, 2)), np.empty((0, 2))
-    best, kept = _match_nearby((points, seen.descriptors), (there, other.descriptors), reach_px)
+    best, kept = _match_nearby((points, first.descriptors), (there, other.descriptors), reach_px)
     first_points, second_points = points[kept], through(there[best[kept]])
     height, width = second.shape
     inside = np.isfinite(second_points).all(axis=1)
