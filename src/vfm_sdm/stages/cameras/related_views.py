@@ -12,7 +12,13 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Readings, Session, quiet_frames
 from vfm_sdm.stages.cameras.face_poses import Face, PoseOnFace, propose_poses
-from vfm_sdm.stages.cameras.relative_pose import chance_support, count_places, estimate_relative_pose
+from vfm_sdm.stages.cameras.relative_pose import (
+    Agreement,
+    chance_agreement,
+    count_places,
+    estimate_relative_pose,
+    measure_agreement,
+)
 from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.guided import match_through
@@ -28,6 +34,8 @@ POINTED_STD_PX = 1.5
 """Standard deviation of a place that somebody pointed at [px]."""
 _NAMED = 5
 """Points named in both views that determine a pose."""
+_NO_CHANCE = Agreement(0.0, 1.0)
+"""Nobody names wrong pairs by chance."""
 _CHANCE_STD = 3.0
 """By how many standard deviations of a count the support has to exceed what chance gives."""
 _REACH = (0.045, 0.025)
@@ -72,9 +80,10 @@ class RelatedView:
         The camera with its pose in the first camera's frame, at a distance of one baseline.
     matches
         Matches of both views that agree with this pose.
-    support, chance
-        Number of places in the images where matches agree with this pose, and where they would agree with some pose by
-        chance.
+    support
+        Number of places in the images where matches agree with this pose [1].
+    chance
+        The same for unrelated views, with its standard deviation.
     fault
         Why the two do not count as related, in a sentence; empty where they do.
     status
@@ -85,8 +94,8 @@ class RelatedView:
 
     camera: Camera
     matches: Matches
-    support: int
-    chance: int
+    support: float
+    chance: Agreement
     fault: str = ""
     status: CameraStatus = CameraStatus.OK
     named: Matches | None = None
@@ -98,8 +107,8 @@ class RelatedView:
 
     @property
     def clearness(self) -> float:
-        """Support above chance [standard deviations of a count]."""
-        return float((self.support - self.chance) / np.sqrt(max(self.chance, 1)))
+        """Support above chance [standard deviations]."""
+        return (self.support - self.chance.support) / self.chance.std
 
 
 def relate_to_first(
@@ -178,10 +187,9 @@ def relate_view(
 def _relate_freely(names: tuple[str, str], matches: Matches, cameras: tuple[Camera, Camera]) -> RelatedView:
     """The pose that most matches agree with, whatever the site says."""
     pose, agree = estimate_relative_pose(matches.points_first, matches.points_second, *cameras)
-    support = int(count_places(agree[None], matches, cameras)[0]) if len(matches) else 0
-    one = RelatedView(
-        replace(cameras[1], cam_from_world=pose), matches.chosen(agree), support, chance_support(matches, cameras)
-    )
+    support = measure_agreement(agree, matches, cameras).support
+    posed = replace(cameras[1], cam_from_world=pose)
+    one = RelatedView(posed, matches.chosen(agree), support, chance_agreement(matches, cameras))
     return _judged(names, one, len(matches))
 
 
@@ -200,11 +208,11 @@ def _relate_by_hand(known: Known, cameras: tuple[Camera, Camera]) -> RelatedView
     if known.face is not None:
         proposals = propose_poses(named, cameras, known.face, known.baseline_m, known.readings)
         if proposals and len(proposals[0].matches) >= _NAMED:
-            return RelatedView(proposals[0].camera, named, len(named), 0)
+            return RelatedView(proposals[0].camera, named, len(named), _NO_CHANCE)
     pose, agree = estimate_relative_pose(named.points_first, named.points_second, *cameras)
     if agree.sum() < _NAMED:
         return None
-    return RelatedView(replace(cameras[1], cam_from_world=pose), named.chosen(agree), int(agree.sum()), 0)
+    return RelatedView(replace(cameras[1], cam_from_world=pose), named.chosen(agree), int(agree.sum()), _NO_CHANCE)
 
 
 def _judged(names: tuple[str, str], one: RelatedView, tried: int) -> RelatedView:
@@ -224,7 +232,7 @@ def _find_fault(names: tuple[str, str], one: RelatedView, tried: int) -> str:
         )
     if one.clearness < _CHANCE_STD:
         return (
-            f"{pair}: matches agree in {one.support} places of the images, by chance they do in {one.chance}: no pose "
+            f"{pair}: matches agree in {one.support:.0f} places of the images, by chance they do in {one.chance.support:.0f}: no pose "
             "stands out, as with what repeats; measure perpendicular and longitudinal distance, name five points in "
             "both views (pixel_in), or use a learned matcher"
         )
@@ -250,8 +258,8 @@ def _guide(
     support = [int(count_places(np.ones((1, len(m)), dtype=np.bool_), m, cameras)[0]) for m in guided]
     related = []
     for number, (proposal, found) in enumerate(zip(proposals, guided, strict=True)):
-        chance = max(support[:number] + support[number + 1 :], default=0)
-        one = RelatedView(proposal.camera, found, support[number], chance)
+        others = max(support[:number] + support[number + 1 :], default=0)
+        one = RelatedView(proposal.camera, found, support[number], Agreement(others, np.sqrt(max(others, 1))))
         related.append(_judged(names, one, len(found)))
     return related
 
@@ -298,4 +306,4 @@ def _joined(one: RelatedView, free: RelatedView, first: Camera) -> RelatedView |
     on_face = np.concatenate([one.matches.on_face, np.zeros(len(m), dtype=np.bool_)])
     _, rows = np.unique(np.round(np.column_stack([pixels, seen])), axis=0, return_index=True)
     joined = Matches(m.first, m.second, pixels[rows], seen[rows], on_face[rows])
-    return replace(one, matches=joined, support=max(one.support, free.support), chance=min(one.chance, free.chance))
+    return replace(one, matches=joined)

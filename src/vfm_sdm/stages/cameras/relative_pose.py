@@ -1,16 +1,20 @@
 """Relative pose of two views from their matches alone, and how well matches would agree by chance."""
 
+from dataclasses import dataclass
+
 import numpy as np
+import numpy.typing as npt
 import poselib
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["chance_support", "count_places", "estimate_relative_pose"]
+__all__ = ["Agreement", "chance_agreement", "count_places", "estimate_relative_pose", "measure_agreement"]
 
 _CELLS = 16
 """Cells along the longer side of an image; matches of one cell count once."""
+_INDEPENDENT = 4
 _NEIGHBOURS = 8
 _SHUFFLES = 3
 
@@ -46,17 +50,75 @@ def count_places(agree: BoolArray, matches: Matches, cameras: tuple[Camera, Came
     [2]
     """
     counts = []
+    for member in _cell_members(matches, cameras):
+        counts.append(((agree.astype(np.float32) @ member) > 0).sum(axis=1))
+    return np.asarray(np.minimum(counts[0], counts[1]))
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far matches agree with a pose.
+
+    Parameters
+    ----------
+    support
+        Sum over the places of the images of the share of each one's matches that agree, in the image where it is less.
+    std
+        Standard deviation of that where the agreement is chance.
+    """
+
+    support: float
+    std: float
+
+
+def measure_agreement(agree: BoolArray, matches: Matches, cameras: tuple[Camera, Camera]) -> Agreement:
+    """How far matches agree with a pose, each place in the images with one vote.
+
+    Parameters
+    ----------
+    agree
+        Which of N matches agree, shape (N,).
+    matches
+        The matches [px].
+    cameras
+        Cameras of the two views, for the sizes of their images.
+
+    Notes
+    -----
+    Up to four matches of a place count as independent: more of them repeat each other.
+
+    Examples
+    --------
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> pixels = [[10.0, 9.0], [12.0, 9.0], [600.0, 9.0]]
+    >>> measure_agreement(np.array([True, False, True]), Matches(0, 1, pixels, pixels), (camera, camera)).support
+    1.5
+    """
+    if not len(matches):
+        return Agreement(0.0, 1.0)
+    found = []
+    chance = float(agree.mean())
+    for member in _cell_members(matches, cameras):
+        count = member.sum(axis=0)
+        variance = chance * (1 - chance) * (1 / np.minimum(count, _INDEPENDENT)).sum()
+        found.append(Agreement(float((agree @ member / count).sum()), float(np.sqrt(max(variance, 1e-3)))))
+    return min(found, key=lambda one: one.support)
+
+
+def _cell_members(matches: Matches, cameras: tuple[Camera, Camera]) -> list[npt.NDArray[np.float32]]:
+    """Which match lies in which cell of either image, shape (N, cells in use) each."""
+    members = []
     for places, camera in zip((matches.points_first, matches.points_second), cameras, strict=True):
         column, row = (places // (max(camera.image_size) / _CELLS)).astype(int).T
         used, number = np.unique(row * _CELLS + column, return_inverse=True)
         member = np.zeros((len(places), len(used)), dtype=np.float32)
         member[np.arange(len(places)), number.ravel()] = 1
-        counts.append(((agree.astype(np.float32) @ member) > 0).sum(axis=1))
-    return np.asarray(np.minimum(counts[0], counts[1]))
+        members.append(member)
+    return members
 
 
-def chance_support(matches: Matches, cameras: tuple[Camera, Camera]) -> int:
-    """Number of places that agree with a pose by chance, when both ends of every match are unrelated.
+def chance_agreement(matches: Matches, cameras: tuple[Camera, Camera]) -> Agreement:
+    """How far matches agree with a pose by chance, when both ends of every match are unrelated.
 
     Parameters
     ----------
@@ -67,8 +129,8 @@ def chance_support(matches: Matches, cameras: tuple[Camera, Camera]) -> int:
 
     Returns
     -------
-    places
-        Largest number of places of the best pose over a few shuffles; 0 for fewer than eight matches.
+    agreement
+        The best of a few shuffles.
 
     Notes
     -----
@@ -85,15 +147,16 @@ def chance_support(matches: Matches, cameras: tuple[Camera, Camera]) -> int:
     Examples
     --------
     >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
-    >>> pixels = np.random.default_rng(0).uniform(0, 480, (40, 2))
-    >>> chance_support(Matches(0, 1, pixels, pixels + [5.0, 0.0]), (camera, camera)) < 30
+    >>> first, second = np.random.default_rng(0).uniform(0, 480, (2, 40, 2))
+    >>> matches = Matches(0, 1, first, second)
+    >>> _, agree = estimate_relative_pose(first, second, camera, camera)
+    >>> real, chance = measure_agreement(agree, matches, (camera, camera)), chance_agreement(matches, (camera, camera))
+    >>> real.support < chance.support + 3 * chance.std
     True
     """
-    if len(matches) < 8:
-        return 0
     rng = np.random.default_rng(0)
     order = np.argsort(matches.points_second[:, 1], kind="stable")
-    best = 0
+    found = [measure_agreement(np.zeros(len(matches), dtype=np.bool_), matches, cameras)]
     for _ in range(_SHUFFLES):
         dealt = order.copy()
         for start in range(0, len(order), _NEIGHBOURS):
@@ -104,8 +167,8 @@ def chance_support(matches: Matches, cameras: tuple[Camera, Camera]) -> int:
         second[order] = matches.points_second[dealt]
         shuffled = Matches(matches.first, matches.second, matches.points_first, second)
         _, agree = estimate_relative_pose(shuffled.points_first, second, *cameras)
-        best = max(best, int(count_places(agree[None], shuffled, cameras)[0]))
-    return best
+        found.append(measure_agreement(agree, shuffled, cameras))
+    return max(found, key=lambda one: one.support)
 
 
 def estimate_relative_pose(
