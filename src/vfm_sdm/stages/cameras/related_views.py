@@ -34,8 +34,10 @@ POINTED_STD_PX = 1.5
 """Standard deviation of a place that somebody pointed at [px]."""
 _NAMED = 5
 """Points named in both views that determine a pose."""
-_NO_CHANCE = Agreement(0.0, 1.0)
-"""Nobody names wrong pairs by chance."""
+_POINTED, _NO_CHANCE = Agreement(np.inf, 1.0, 1.0), Agreement(0.0, 1.0, 0.0)
+"""Agreement of points that somebody named in both views, which is no chance."""
+_WRONG, _WRONG_BESIDE_FACE = 0.5, 0.2
+"""Largest share of wrong matches that the adjustment's robust loss bears; and where it can do without them."""
 _CHANCE_STD = 3.0
 """By how many standard deviations of a count the support has to exceed what chance gives."""
 _REACH = (0.045, 0.025)
@@ -80,10 +82,10 @@ class RelatedView:
         The camera with its pose in the first camera's frame, at a distance of one baseline.
     matches
         Matches of both views that agree with this pose.
-    support
-        Number of places in the images where matches agree with this pose [1].
+    agreement
+        How far the matches agree with this pose.
     chance
-        The same for unrelated views, with its standard deviation.
+        The same for unrelated views.
     fault
         Why the two do not count as related, in a sentence; empty where they do.
     status
@@ -94,7 +96,7 @@ class RelatedView:
 
     camera: Camera
     matches: Matches
-    support: float
+    agreement: Agreement
     chance: Agreement
     fault: str = ""
     status: CameraStatus = CameraStatus.OK
@@ -108,7 +110,13 @@ class RelatedView:
     @property
     def clearness(self) -> float:
         """Support above chance [standard deviations]."""
-        return (self.support - self.chance.support) / self.chance.std
+        return (self.agreement.support - self.chance.support) / self.chance.std
+
+    @property
+    def wrong_share(self) -> float:
+        """Share of the agreeing matches that is wrong, when wrong ones agree as by chance [1]."""
+        real, chance = self.agreement.share, self.chance.share
+        return 1.0 if real == 0 or chance >= 1 else min(1.0, (1 - real) / (1 - chance) * chance / real)
 
 
 def relate_to_first(
@@ -187,9 +195,8 @@ def relate_view(
 def _relate_freely(names: tuple[str, str], matches: Matches, cameras: tuple[Camera, Camera]) -> RelatedView:
     """The pose that most matches agree with, whatever the site says."""
     pose, agree = estimate_relative_pose(matches.points_first, matches.points_second, *cameras)
-    support = measure_agreement(agree, matches, cameras).support
-    posed = replace(cameras[1], cam_from_world=pose)
-    one = RelatedView(posed, matches.chosen(agree), support, chance_agreement(matches, cameras))
+    real, chance = measure_agreement(agree, matches, cameras), chance_agreement(matches, cameras)
+    one = RelatedView(replace(cameras[1], cam_from_world=pose), matches.chosen(agree), real, chance)
     return _judged(names, one, len(matches))
 
 
@@ -208,11 +215,11 @@ def _relate_by_hand(known: Known, cameras: tuple[Camera, Camera]) -> RelatedView
     if known.face is not None:
         proposals = propose_poses(named, cameras, known.face, known.baseline_m, known.readings)
         if proposals and len(proposals[0].matches) >= _NAMED:
-            return RelatedView(proposals[0].camera, named, len(named), _NO_CHANCE)
+            return RelatedView(proposals[0].camera, named, _POINTED, _NO_CHANCE)
     pose, agree = estimate_relative_pose(named.points_first, named.points_second, *cameras)
     if agree.sum() < _NAMED:
         return None
-    return RelatedView(replace(cameras[1], cam_from_world=pose), named.chosen(agree), int(agree.sum()), _NO_CHANCE)
+    return RelatedView(replace(cameras[1], cam_from_world=pose), named.chosen(agree), _POINTED, _NO_CHANCE)
 
 
 def _judged(names: tuple[str, str], one: RelatedView, tried: int) -> RelatedView:
@@ -230,10 +237,10 @@ def _find_fault(names: tuple[str, str], one: RelatedView, tried: int) -> str:
             f"{pair}: {len(one.matches)} of {tried} matches agree, {MIN_INLIERS} are needed; choose views that overlap "
             "more, or name five points in both views (pixel_in)"
         )
-    if one.clearness < _CHANCE_STD:
+    if one.clearness < _CHANCE_STD or one.wrong_share > _WRONG:
         return (
-            f"{pair}: matches agree in {one.support:.0f} places of the images, by chance they do in {one.chance.support:.0f}: no pose "
-            "stands out, as with what repeats; measure perpendicular and longitudinal distance, name five points in "
+            f"{pair}: matches agree in {one.agreement.support:.0f} places of the images, by chance they do in "
+            f"{one.chance.support:.0f}: no pose stands out, as with what repeats; measure perpendicular and longitudinal distance, name five points in "
             "both views (pixel_in), or use a learned matcher"
         )
     return ""
@@ -259,7 +266,8 @@ def _guide(
     related = []
     for number, (proposal, found) in enumerate(zip(proposals, guided, strict=True)):
         others = max(support[:number] + support[number + 1 :], default=0)
-        one = RelatedView(proposal.camera, found, support[number], Agreement(others, np.sqrt(max(others, 1))))
+        real, chance = (Agreement(n, np.sqrt(max(n, 1)), n / max(support)) for n in (support[number], others))
+        one = RelatedView(proposal.camera, found, real, chance)
         related.append(_judged(names, one, len(found)))
     return related
 
@@ -301,6 +309,8 @@ def _joined(one: RelatedView, free: RelatedView, first: Camera) -> RelatedView |
     agree = error < 2 * _NOISE * max(first.image_size)
     if scale == 0 or agree.mean() < _AGREEING or turn > np.radians(10):
         return None
+    if free.wrong_share > _WRONG_BESIDE_FACE:
+        return one
     pixels = np.concatenate([one.matches.points_first, m.points_first])
     seen = np.concatenate([one.matches.points_second, m.points_second])
     on_face = np.concatenate([one.matches.on_face, np.zeros(len(m), dtype=np.bool_)])

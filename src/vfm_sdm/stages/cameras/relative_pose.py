@@ -65,10 +65,13 @@ class Agreement:
         Sum over the places of the images of the share of each one's matches that agree, in the image where it is less.
     std
         Standard deviation of that where the agreement is chance.
+    share
+        Support over the number of places [1].
     """
 
     support: float
     std: float
+    share: float
 
 
 def measure_agreement(agree: BoolArray, matches: Matches, cameras: tuple[Camera, Camera]) -> Agreement:
@@ -95,13 +98,14 @@ def measure_agreement(agree: BoolArray, matches: Matches, cameras: tuple[Camera,
     1.5
     """
     if not len(matches):
-        return Agreement(0.0, 1.0)
+        return Agreement(0.0, 1.0, 0.0)
     found = []
     chance = float(agree.mean())
     for member in _cell_members(matches, cameras):
         count = member.sum(axis=0)
         variance = chance * (1 - chance) * (1 / np.minimum(count, _INDEPENDENT)).sum()
-        found.append(Agreement(float((agree @ member / count).sum()), float(np.sqrt(max(variance, 1e-3)))))
+        support = float((agree @ member / count).sum())
+        found.append(Agreement(support, float(np.sqrt(max(variance, 1e-3))), support / len(count)))
     return min(found, key=lambda one: one.support)
 
 
