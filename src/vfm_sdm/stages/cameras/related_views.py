@@ -240,8 +240,8 @@ def _find_fault(names: tuple[str, str], one: RelatedView, tried: int) -> str:
     if one.clearness < _CHANCE_STD or one.wrong_share > _WRONG:
         return (
             f"{pair}: matches agree in {one.agreement.support:.0f} places of the images, by chance they do in "
-            f"{one.chance.support:.0f}: no pose stands out, as with what repeats; measure perpendicular and longitudinal distance, name five points in "
-            "both views (pixel_in), or use a learned matcher"
+            f"{one.chance.support:.0f}: no pose stands out, as with what repeats; measure perpendicular and longitudinal "
+            "distance, name five points in both views (pixel_in), or use a learned matcher"
         )
     return ""
 
@@ -257,7 +257,7 @@ def _guide(
     A wrong pose guides matches, too, wherever a pattern repeats: what the others reach is chance.
     """
     proposals, face = proposed
-    features = detect_features(images[0], stretched=False)
+    features = detect_features(images[0])
     guided = []
     for proposal in proposals:
         found = _match_on_face((features, images), (cameras[0], proposal.camera), face, proposal.matches.second)

@@ -10,22 +10,30 @@ from scipy.spatial import cKDTree
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.inputs.video import Region
 
-__all__ = ["Float32Array", "ImageFeatures", "detect_features", "find_alike", "find_nearest", "to_eight_bit"]
+__all__ = [
+    "Float32Array",
+    "ImageFeatures",
+    "add_stretched",
+    "detect_features",
+    "find_alike",
+    "find_nearest",
+    "to_eight_bit",
+]
 
 Float32Array = npt.NDArray[np.float32]
 
 _LONG_SIDE_PX = 1500
 """Images with a longer side are reduced to it: finer features cost time and add nothing to the geometry."""
-_FEATURES = 4000
+_FEATURES = 5000
+"""Number of features of one version of an image."""
 _CELLS = 16
-"""Along a side of the grid over an image in whose cells features are chosen. Leaves, bricks and railings have the
-strongest ones; the painted or weathered surface of interest has its own if every place gets a share."""
+"""Along a side of the grid over an image among whose cells half of the features are shared out. Leaves, bricks and
+railings have the strongest ones; a painted or weathered surface has its own only if every place gets a share."""
 _CONTRAST = 0.01
 """A quarter of what is usual for SIFT: real surfaces, painted or weathered, have little contrast."""
-_STRETCHES = ((1.0, 1.0), (1.4, 1.0), (1.0, 1.4))
-"""Factors along u and v of the versions of an image. SIFT bears a relative stretch of up to about 1.4 (the step between
-tilts in affine-SIFT is the square root of two); with one version of each image stretched in turn it is bridged up to
-two."""
+_STRETCHES = ((1.4, 1.0), (1.0, 1.4))
+"""Factors along u and v of the stretched versions of an image: the step between the tilts of affine-SIFT, the square
+root of two, is what SIFT itself bears."""
 _SAME_PLACE_PX = 6.0
 """Features nearer than this describe one place, for instance with another orientation or size."""
 _SAME_CORNER_PX = 0.75
@@ -58,61 +66,81 @@ class ImageFeatures:
         return len(self.points)
 
 
-def detect_features(luma: LumaArray, *, stretched: bool = True) -> ImageFeatures:
-    """Features of an image and of stretched versions of it, so that a view at another angle resembles one of them.
+def detect_features(luma: LumaArray) -> ImageFeatures:
+    """Features of an image as it is.
 
     Parameters
     ----------
     luma
         Image of 8 or 16 bits, shape (H, W).
-    stretched
-        Whether versions are searched at all; not where the views already resemble each other.
 
     Returns
     -------
     features
-        Features of all versions; empty where there is no contrast.
+        Half of them the strongest of the image, half shared out among its parts; empty where there is no contrast.
 
     Notes
     -----
-    RootSIFT descriptors [1]_. The versions are those of affine-SIFT [2]_ for one tilt in two directions, without its
-    rotations.
+    RootSIFT descriptors [1]_.
 
     References
     ----------
     .. [1] Arandjelovic, R., Zisserman, A. (2012). Three things everyone should know to improve object retrieval. IEEE
        Conference on Computer Vision and Pattern Recognition.
-    .. [2] Morel, J.-M., Yu, G. (2009). ASIFT: a new framework for fully affine invariant image comparison. SIAM Journal
-       on Imaging Sciences 2(2), 438-469.
 
     Examples
     --------
     >>> from scipy.ndimage import gaussian_filter
     >>> texture = gaussian_filter(np.random.default_rng(0).normal(0, 1, (240, 340)), 2)
     >>> features = detect_features(np.rint(128 + 300 * texture).clip(0, 255).astype(np.uint8))
-    >>> len(features) > 100, sorted(set(features.version.tolist()))
-    (True, [0, 1, 2])
+    >>> len(features) > 100, set(features.version.tolist())
+    (True, {0})
+    """
+    points, descriptors = _detect(to_eight_bit(luma), (1.0, 1.0))
+    return ImageFeatures(points, descriptors, np.zeros(len(points), dtype=np.intp), _SAME_PLACE_PX / _scale(luma))
+
+
+def add_stretched(features: ImageFeatures, luma: LumaArray) -> ImageFeatures:
+    """Features of an image together with those of stretched versions of it, which resemble views at another angle.
+
+    Parameters
+    ----------
+    features
+        Those of the image as it is.
+    luma
+        The image, shape (H, W).
+
+    Notes
+    -----
+    The versions are those of affine-SIFT [1]_ for one tilt in two directions, without its rotations.
+
+    References
+    ----------
+    .. [1] Morel, J.-M., Yu, G. (2009). ASIFT: a new framework for fully affine invariant image comparison. SIAM Journal
+       on Imaging Sciences 2(2), 438-469.
+
+    Examples
+    --------
+    >>> from scipy.ndimage import gaussian_filter
+    >>> texture = gaussian_filter(np.random.default_rng(0).normal(0, 1, (240, 340)), 2)
+    >>> image = np.rint(128 + 300 * texture).clip(0, 255).astype(np.uint8)
+    >>> set(add_stretched(detect_features(image), image).version.tolist())
+    {0, 1, 2}
     """
     image = to_eight_bit(luma)
-    height, width = image.shape
-    scale = min(1.0, _LONG_SIDE_PX / max(height, width))
-    place_px = _SAME_PLACE_PX / scale
-    versions = _STRETCHES if stretched else _STRETCHES[:1]
-    found = [_detect(image, (round(width * scale * u), round(height * scale * v))) for u, v in versions]
-    plain = found[0][0]
-    points, descriptors, version = [np.empty((0, 2))], [np.empty((0, 128), np.float32)], [np.empty(0, dtype=np.intp)]
-    for number, (places, described) in enumerate(found):
-        if len(places) < 2:
-            continue
-        if number and len(plain):
-            apart, nearest = cKDTree(plain).query(places)
-            corner = np.asarray(nearest)
-            known = apart < _SAME_CORNER_PX / scale
-            places[known] = plain[corner[known]]
+    points, descriptors, version = [features.points], [features.descriptors], [features.version]
+    for number, stretch in enumerate(_STRETCHES, start=1):
+        places, described = _detect(image, stretch)
+        if len(places) and len(features):
+            apart, nearest = cKDTree(features.points).query(places)
+            known = apart < _SAME_CORNER_PX / _scale(luma)
+            places[known] = features.points[np.asarray(nearest)[known]]
         points.append(places)
         descriptors.append(described)
-        version.append(np.full(len(places), number))
-    return ImageFeatures(np.concatenate(points), np.concatenate(descriptors), np.concatenate(version), place_px)
+        version.append(np.full(len(places), number, dtype=np.intp))
+    return ImageFeatures(
+        np.concatenate(points), np.concatenate(descriptors), np.concatenate(version), features.place_px
+    )
 
 
 def find_alike(features: ImageFeatures, rows: IntArray) -> Float32Array:
@@ -186,15 +214,21 @@ def _distance(likeness: Float32Array) -> Float32Array:
     return distance
 
 
-def _detect(image: npt.NDArray[np.uint8], size: tuple[int, int]) -> tuple[FloatArray, Float32Array]:
-    """Feature pixels of the whole image, shape (N, 2), and descriptors, shape (N, 128), at a size (width, height)."""
+def _scale(luma: LumaArray) -> float:
+    """By how much an image is reduced [1]."""
+    return min(1.0, _LONG_SIDE_PX / float(max(luma.shape)))
+
+
+def _detect(image: npt.NDArray[np.uint8], stretch: tuple[float, float]) -> tuple[FloatArray, Float32Array]:
+    """Feature pixels of the whole image, shape (N, 2), and descriptors, shape (N, 128), of a version of it."""
     height, width = image.shape
+    wanted = np.array([width, height]) * stretch * _scale(image)
+    size = (round(wanted[0]), round(wanted[1]))
     region = Region(0, 0, width, height, scale_u=size[0] / width, scale_v=size[1] / height)
     if size != (width, height):
         smaller = size[0] <= width and size[1] <= height
-        image = np.asarray(
-            cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR), dtype=np.uint8
-        )
+        resized = cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+        image = np.asarray(resized, dtype=np.uint8)
     # Without the precise upscale OpenCV's SIFT places every feature a quarter of a pixel off.
     sift = cv2.SIFT.create(contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     found = sift.detect(image, None)
@@ -209,13 +243,16 @@ def _detect(image: npt.NDArray[np.uint8], size: tuple[int, int]) -> tuple[FloatA
 
 
 def _spread(points: FloatArray, response: FloatArray, size: tuple[int, int]) -> IntArray:
-    """Indices of the strongest features of every cell of an image, in equal number where there are as many."""
-    column, row = (points * _CELLS // size).astype(int).T
+    """Indices of features that are chosen: the strongest, and of the others the strongest of every cell in turn."""
+    order = np.argsort(-response, kind="stable")
+    strongest, others = np.split(order, [_FEATURES // 2])
+    column, row = (points[others] * _CELLS // size).astype(int).T
     cell = row * _CELLS + column
-    order = np.lexsort((-response, cell))
-    start = np.searchsorted(cell[order], cell[order])
-    rank = np.arange(order.size) - start
-    return np.asarray(np.sort(order[np.argsort(rank, kind="stable")[:_FEATURES]]))
+    by_cell = np.argsort(cell, kind="stable")
+    rank = np.empty(others.size, dtype=np.intp)
+    rank[by_cell] = np.arange(others.size) - np.searchsorted(cell[by_cell], cell[by_cell])
+    shared = others[np.argsort(rank, kind="stable")[: _FEATURES - _FEATURES // 2]]
+    return np.sort(np.concatenate([strongest, shared]))
 
 
 def to_eight_bit(luma: LumaArray) -> npt.NDArray[np.uint8]:

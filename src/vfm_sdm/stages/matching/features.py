@@ -8,9 +8,15 @@ from scipy.spatial import cKDTree
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray, as_float_array
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features, find_alike, find_nearest
+from vfm_sdm.stages.matching.detection import (
+    ImageFeatures,
+    add_stretched,
+    detect_features,
+    find_alike,
+    find_nearest,
+)
 
-__all__ = ["FeatureMatches", "keep_one_a_place", "match_features"]
+__all__ = ["FeatureMatches", "keep_one_a_place", "match_detected", "match_features"]
 
 _RATIO = 0.9
 """Of the distance to a match over that to the next one alike. The usual 0.8 is for one run that must be nearly free of
@@ -65,13 +71,13 @@ class FeatureMatches:
         return FeatureMatches(self.points_first[rows], self.points_second[rows], self.quality[rows])
 
 
-def match_features(first: LumaArray | ImageFeatures, second: LumaArray | ImageFeatures) -> FeatureMatches:
+def match_features(first: LumaArray, second: LumaArray) -> FeatureMatches:
     """Features that look alike in two images, before any geometric check.
 
     Parameters
     ----------
     first, second
-        Luma, shape (H, W), or the features of it if they were detected before; the two sizes may differ.
+        Luma, shape (H, W); the two sizes may differ.
 
     Returns
     -------
@@ -80,10 +86,10 @@ def match_features(first: LumaArray | ImageFeatures, second: LumaArray | ImageFe
 
     Notes
     -----
-    Each image as it is is compared with every version of the other (`detect_features`), and the matches are united. A
-    match must be the best one in both directions and pass the ratio test of [1]_ against everything that looks like it
-    at another place of either image: a brick has as many look-alikes as the wall has bricks, though the other view may
-    show but one of them.
+    Each image as it is is compared with the other and with stretched versions of it
+    (`vfm_sdm.stages.matching.detection.add_stretched`), and the matches are united. A match must be the best one in
+    both directions and pass the ratio test of [1]_ against everything that looks like it at another place of either
+    image: a brick has as many look-alikes as the wall has bricks, though the other view may show but one of them.
 
     References
     ----------
@@ -100,26 +106,30 @@ def match_features(first: LumaArray | ImageFeatures, second: LumaArray | ImageFe
     >>> len(matches) > 50, bool(np.allclose(shift, [20, 0], atol=0.1))
     (True, True)
     """
-    a, b = _detected(first, second)
-    versions = [(0, int(k)) for k in np.unique(b.version)] + [(int(k), 0) for k in np.unique(a.version) if k]
-    found = [_match_versions(a, b, np.flatnonzero(a.version == i), np.flatnonzero(b.version == j)) for i, j in versions]
+    with ThreadPoolExecutor(2) as executor:
+        found = executor.map(lambda image: add_stretched(detect_features(image), image), (first, second))
+        return match_detected(*found)
+
+
+def match_detected(first: ImageFeatures, second: ImageFeatures) -> FeatureMatches:
+    """As `match_features`, of features that were detected before: all versions of each image with the other as it is.
+
+    Parameters
+    ----------
+    first, second
+        Features of each image.
+    """
+    versions = [(0, int(k)) for k in np.unique(second.version)] + [(int(k), 0) for k in np.unique(first.version) if k]
+    found = [
+        _match_versions(first, second, np.flatnonzero(first.version == i), np.flatnonzero(second.version == j))
+        for i, j in versions
+    ]
     rows, partners = (np.concatenate([_NONE, *(one[k] for one in found)]) for k in range(2))
     quality = np.concatenate([np.empty(0), *(one[2] for one in found)])
-    return keep_one_a_place(FeatureMatches(a.points[rows], b.points[partners], quality), _SAME_PLACE_PX)
+    return keep_one_a_place(FeatureMatches(first.points[rows], second.points[partners], quality), _SAME_PLACE_PX)
 
 
 _NONE = np.empty(0, dtype=np.intp)
-
-
-def _detected(
-    first: LumaArray | ImageFeatures, second: LumaArray | ImageFeatures
-) -> tuple[ImageFeatures, ImageFeatures]:
-    """Features of both images, each detected unless it was before."""
-    with ThreadPoolExecutor(2) as executor:
-        a, b = executor.map(
-            lambda one: one if isinstance(one, ImageFeatures) else detect_features(one), (first, second)
-        )
-    return a, b
 
 
 def keep_one_a_place(matches: FeatureMatches, radius_px: float) -> FeatureMatches:

@@ -56,7 +56,7 @@ def match_through(
     >>> texture = gaussian_filter(np.random.default_rng(0).normal(0, 1, (240, 340)), 2)
     >>> image = np.rint(128 + 300 * texture).clip(0, 255).astype(np.uint8)
     >>> pair = (image[:, 20:], image[:, :-20])
-    >>> features = detect_features(pair[0], stretched=False)
+    >>> features = detect_features(pair[0])
     >>> first, second = match_through(features, pair, lambda pixels: pixels + [17.0, 0.0], (8.0, 4.0))
     >>> len(first) > 50, bool(np.allclose(np.median(second - first, axis=0), [20, 0], atol=0.1))
     (True, True)
@@ -71,7 +71,7 @@ def match_through(
     drawn = cv2.remap(
         to_eight_bit(second), known[..., 0], known[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    other = detect_features(np.asarray(drawn, np.uint8), stretched=False)
+    other = detect_features(np.asarray(drawn, np.uint8))
     points, there = first.points, (other.points + 0.5) / scale - 0.5
     if min(len(points), len(there)) < 2:
         return np.empty((0, 2)), np.empty((0, 2))
