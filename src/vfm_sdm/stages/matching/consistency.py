@@ -58,9 +58,7 @@ def choose_consistent(
 class _Problem:
     """Value of choices, and how to raise it."""
 
-    def __init__(
-        self, position: FloatArray, covariance: FloatArray, candidates: Sequence[Sequence[Candidate]]
-    ) -> None:
+    def __init__(self, position: FloatArray, covariance: FloatArray, candidates: Sequence[Sequence[Candidate]]) -> None:
         self._covariance = covariance
         self._apart = [[one.position - p for one in row] for p, row in zip(position, candidates, strict=True)]
         self._own = [[one.covariance for one in row] for row in candidates]

@@ -12,15 +12,21 @@ from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
-from vfm_sdm.geometry.structure_frame import StructureFrame
+from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
+from vfm_sdm.inputs.session import Site
+from vfm_sdm.stages.matching.starts import TILTS
 
-__all__ = ["Expected", "Face", "expect_on_face"]
+__all__ = ["Expected", "Face", "expect_anywhere", "expect_on_face", "know_face"]
 
 _MODEL_STD_PX = 1.0
 """What lens model and affine maps leave out, for each point by itself [px]."""
 _UNKNOWN_STD = 0.01
 """Standard deviation of pixels that a rig without covariance predicts, as a share of the image width: 1 % stands for
 some mrad of rotation at the fields of view in use."""
+_LEVEL_STD_DEG = 1.0
+"""Standard deviation of pitch and roll without a level reading [deg]: a tripod head set by eye."""
+_MIDDLE_DEPTH = 6.0
+"""Depth, in baselines, for which small planes are mapped where nothing else is known: angles of some ten degrees."""
 _DEPTHS = 0.7, 2.0
 """Depths of a point that need not lie on the face, over the depth of the face on its viewing ray."""
 
@@ -73,6 +79,63 @@ class Expected:
         """Covariance of all positions together, shape (2 P, 2 P) [px2]."""
         rows = self.shared.reshape(-1, self.shared.shape[2])
         return np.asarray(rows @ rows.T + block_diag(*self.own))
+
+
+def know_face(site: Site, rig: Rig, frame: StructureFrame | None = None) -> tuple[Rig, Face | None]:
+    """The structure's face as measured on site, and the rig in metres; without a face where it was not measured.
+
+    Parameters
+    ----------
+    site
+        What was measured.
+    rig
+        Cameras; where they have no scale, the measured baseline gives it.
+    frame
+        The structure's axes, where they are known better than from the distances and the level alone.
+    """
+    distance, along = site.perpendicular_distance, site.longitudinal_distance
+    if distance is None or along is None:
+        return rig, None
+    distance_std = distance.std
+    if not rig.metric:
+        if site.baseline is None or not rig.baseline() > 0:
+            return rig, None
+        rig = rig.scaled(site.baseline.value / rig.baseline())
+        distance_std = float(np.hypot(distance_std, distance.value * site.baseline.std / site.baseline.value))
+    if frame is None:
+        level = site.reference_camera_level
+        pitch, roll, std = (0.0, 0.0, _LEVEL_STD_DEG) if level is None else (level.pitch, level.roll, level.std_deg)
+        angle = compute_view_angle(distance.value, along.value)
+        rotation = structure_from_cam1(
+            angle, pitch_rad=np.radians(pitch), roll_rad=np.radians(roll), side=site.structure_side
+        )
+        turn = np.hypot(along.value * distance.std, distance.value * along.std) / (distance.value**2 + along.value**2)
+        frame = StructureFrame(rotation, np.diag(np.square([np.radians(std), turn, np.radians(std)])))
+    return rig, Face(frame, distance.value, distance_std, site.face_offset_std)
+
+
+def expect_anywhere(points2d: FloatArray, rig: Rig, views: tuple[int, int]) -> Expected:
+    """Maps of offsets around points of which nothing but the cameras is known; they are expected nowhere.
+
+    Parameters
+    ----------
+    points2d
+        Pixels in the first view, shape (P, 2) [px].
+    rig
+        Cameras; the scale does not matter.
+    views
+        Indices of the two views in the rig.
+    """
+    first, second = (rig.cameras[v] for v in views)
+    count, depth = len(points2d), _MIDDLE_DEPTH * rig.baseline(*views)
+    maps = []
+    for point in points2d:
+        place = (np.append(first.normalize(point), 1.0) * depth - first.translation) @ first.rotation
+        normals = TILTS @ first.rotation
+        made = [_map_of_plane(point, first, second, normal, normal @ place) for normal in normals]
+        maps.append(np.stack([one for one in made if np.isfinite(one).all()] or [np.eye(2)]))
+    nowhere = np.tile(np.nan * np.eye(2), (count, 1, 1))
+    return Expected(np.full((count, 2), np.nan), np.zeros((count, 2, 0)), nowhere, tuple(maps))
 
 
 def expect_on_face(
@@ -138,9 +201,9 @@ def _shared_changes(points2d: FloatArray, rig: Rig, views: tuple[int, int], face
     steps = [np.sqrt(v) * vector for v, vector in zip(variances, vectors.T, strict=True) if v > 0]
 
     def moved(step: FloatArray) -> FloatArray:
-        cameras = both.perturbed(step[: 2 * size]).cameras
+        one, other = both.perturbed(step[: 2 * size]).cameras
         turned = Rotation.from_rotvec(step[2 * size : 2 * size + 3]).as_matrix() @ face.frame.rotation
-        return _through_plane(points2d, *cameras, turned[0], np.full(len(points2d), face.distance + step[-1]))
+        return _through_plane(points2d, one, other, turned[0], np.full(len(points2d), face.distance + step[-1]))
 
     changes = [(moved(step) - moved(-step)) / 2 for step in steps]
     if rig.covariance is None:
@@ -167,9 +230,7 @@ def _plane_maps(point: FloatArray, first: Camera, second: Camera, face: Face, *,
     return np.stack([_map_of_plane(point, first, second, axis, axis @ place) for axis in axes])
 
 
-def _map_of_plane(
-    point: FloatArray, first: Camera, second: Camera, normal: FloatArray, distance: float
-) -> FloatArray:
+def _map_of_plane(point: FloatArray, first: Camera, second: Camera, normal: FloatArray, distance: float) -> FloatArray:
     beside = point + np.concatenate([np.eye(2), -np.eye(2)])
     seen = _through_plane(beside, first, second, normal, np.full(4, distance))
     return np.asarray((seen[:2] - seen[2:]).T / 2)

@@ -1,7 +1,7 @@
 """Points of a structure found in another view together, by resemblance and by where cameras and face expect them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.stages.matching.consistency import ABSENT, GATE, choose_consistent, condition
 from vfm_sdm.stages.matching.correspondence import RETURN_PX, way_back
 from vfm_sdm.stages.matching.expected import Expected
+from vfm_sdm.stages.matching.points import NAMED_STD_PX
 from vfm_sdm.stages.matching.resemblance import (
     LEAST_CORRELATION,
     Candidate,
@@ -23,10 +24,8 @@ from vfm_sdm.stages.matching.resemblance import (
 from vfm_sdm.stages.registration.records import Starts
 from vfm_sdm.stages.registration.subsets import register_subset
 
-__all__ = ["NAMED_STD_PX", "Place", "place_points"]
+__all__ = ["Known", "Place", "place_points"]
 
-NAMED_STD_PX = 1.5
-"""Standard deviation of a place that a user named, along each axis [px]: a click on a picture that is looked at whole."""
 _SIZES_PX = 41, 21
 """Sides of the squares that are compared, beside that of the session: smaller ones hold less of what lies behind."""
 _ODDS = 3.0
@@ -34,6 +33,8 @@ _ODDS = 3.0
 _SHARP_PX = 3.0
 """Standard deviation up to which a peak is a place that can be registered to a fraction of a pixel."""
 _VALLEY = 3.0
+_ROUNDS = 2
+"""Times that points are looked for: with those that were found, others may be found too."""
 _REGISTERED = 3
 """Places, of those that resemble a point most, that are registered."""
 
@@ -60,13 +61,29 @@ class Place:
     status: str
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of the places of points, by index of the point.
+
+    Parameters
+    ----------
+    given
+        Pixels that a user named, shape (2,) [px]: they are looked at closely and believed.
+    places
+        Places of points that were found before: they stay, and help to find the others.
+    """
+
+    given: Mapping[int, FloatArray] = field(default_factory=dict)
+    places: Mapping[int, Place] = field(default_factory=dict)
+
+
 def place_points(
     images: tuple[LumaArray, LumaArray],
     points2d: FloatArray,
     expected: Expected,
     *,
     subset_px: int,
-    given: Mapping[int, FloatArray],
+    known: Known,
 ) -> list[Place]:
     """Places in the second view of P points of the first.
 
@@ -80,22 +97,47 @@ def place_points(
         Where they are expected in the second.
     subset_px
         Side of the session's square [px].
-    given
-        Pixels that a user named in the second view, shape (2,) [px], by index of the point.
+    known
+        What is known of some of their places.
+
+    Notes
+    -----
+    Every point's surroundings are compared with all places where it may be, through the plane of the face, with squares
+    of several sizes. Of the places that resemble it, one is taken for each point so that all of them together fit what
+    cameras and face may have wrong. Each is then looked at again from where the others say that it is: what resembles
+    it as well elsewhere makes it ambiguous, what does so close by or along an edge makes it wide; the rest is
+    registered to a fraction of a pixel where it can be.
     """
-    search = _Search(images, points2d, expected, subset_px, given)
-    named = [search.named(i) if i in given else None for i in range(len(points2d))]
-    position, covariance = condition(expected.position, expected.covariance, named)
-    candidates = [[] if i in given else search.candidates(i, *_of(position, covariance, i)) for i in range(len(points2d))]
-    choice = choose_consistent(position, covariance, candidates)
-    seen = [None if j is None else candidates[i][j] for i, j in enumerate(choice)]
-    places = []
-    for i in range(len(points2d)):
-        # Where the others say that it is; of a point that a user named, where the user says.
-        others = condition(position, covariance, [one if k != i else None for k, one in enumerate(seen)])
-        around = (given[i], NAMED_STD_PX**2 * np.eye(2)) if i in given else _of(*others, i)
-        places.append(search.settle(i, *around))
-    return places
+    count = len(points2d)
+    search = _Search(images, points2d, expected, subset_px, known)
+    settled = {**known.places, **{i: search.settle(i, *_as_named(pixel)) for i, pixel in known.given.items()}}
+    free = [i for i in range(count) if i not in settled]
+    if free:
+        # A place that a user named is taken as it was named: what was found near it may be something else.
+        sure = [*known.places, *known.given]
+        named = [search.named(i) if i in sure else None for i in range(count)]
+        position, covariance = condition(expected.position, expected.covariance, named)
+        candidates = [search.candidates(i, *_of(position, covariance, i)) if i in free else [] for i in range(count)]
+        choice = choose_consistent(position, covariance, candidates)
+        seen = [None if j is None else candidates[i][j] for i, j in enumerate(choice)]
+        for _ in range(_ROUNDS):
+            for i in [i for i in free if i not in settled or settled[i].status != PointStatus.OK]:
+                others = [one if k != i else None for k, one in enumerate(seen)]
+                settled[i] = search.settle(i, *_of(*condition(position, covariance, others), i))
+            seen = [_as_candidate(settled[i]) if i in free else None for i in range(count)]
+    return [settled[i] for i in range(count)]
+
+
+def _as_named(pixel: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where a point is expected that a user named, (2,) and (2, 2)."""
+    return pixel, NAMED_STD_PX**2 * np.eye(2)
+
+
+def _as_candidate(place: Place) -> Candidate | None:
+    """A place that was found, as what is seen of a point."""
+    if place.status != PointStatus.OK:
+        return None
+    return Candidate(place.position, place.covariance, 1.0, np.eye(2), 0)
 
 
 def _of(position: FloatArray, covariance: FloatArray, index: int) -> tuple[FloatArray, FloatArray]:
@@ -113,24 +155,26 @@ class _Search:
         points2d: FloatArray,
         expected: Expected,
         subset_px: int,
-        given: Mapping[int, FloatArray],
+        known: Known,
     ) -> None:
-        self.images, self.points2d, self.given, self.subset_px = images, points2d, given, subset_px
+        self.images, self.points2d, self.known, self.subset_px = images, points2d, known, subset_px
         self.sizes = [subset_px, *(size for size in _SIZES_PX if size < subset_px)]
         soft = soften(images[0]), soften(images[1])
         self.maps: list[list[ResemblanceMap]] = []
         for i, point in enumerate(points2d):
             around = _of(expected.position, expected.covariance, i)
-            if i in given:
-                around = given[i], NAMED_STD_PX**2 * np.eye(2)
-            known = bool(np.isfinite(np.concatenate([around[0], around[1].ravel()])).all())
-            tried = [(affine, size) for affine in expected.maps[i] for size in self.sizes] if known else []
+            if i in known.given:
+                around = known.given[i], NAMED_STD_PX**2 * np.eye(2)
+            there = i not in known.places and np.isfinite(around[0]).all() and np.isfinite(around[1]).all()
+            tried = [(affine, size) for affine in expected.maps[i] for size in self.sizes] if there else []
             made = [map_resemblance(soft, point, around, affine, size) for affine, size in tried]
             self.maps.append([one for one in made if one is not None])
 
-    def named(self, index: int) -> Candidate:
-        """What a user's word says of a point."""
-        return Candidate(self.given[index], NAMED_STD_PX**2 * np.eye(2), 1.0, np.eye(2), self.subset_px)
+    def named(self, index: int) -> Candidate | None:
+        """What is known of a point beforehand, as if it had been found."""
+        if index in self.known.places:
+            return _as_candidate(self.known.places[index])
+        return Candidate(*_as_named(self.known.given[index]), 1.0, np.eye(2), 0)
 
     def candidates(self, index: int, mean: FloatArray, covariance: FloatArray) -> list[Candidate]:
         """Places that resemble a point and lie where it is expected, the best first."""
@@ -141,7 +185,7 @@ class _Search:
         """The place of one point, from where all the rest expects it and what resembles it there."""
         found = self.candidates(index, mean, covariance)
         if not found:
-            if index in self.given:
+            if index in self.known.given:
                 return Place(mean, covariance, np.nan, PointStatus.OK)
             return _nowhere(PointStatus.NOT_FOUND)
         values = [one.value for one in found]
@@ -150,7 +194,7 @@ class _Search:
         for k in close:
             if (at := self._register(index, found[k], mean, covariance)) is not None:
                 # A map is coarse: what resembles the point best shows once each place is registered.
-                sure[k], values[k] = at, values[k] + score(at[2]) - found[k].score
+                sure[k], values[k] = at, values[k] + float(score(at[2])) - found[k].score
         first = int(np.argmax(values))
         best, registered = found[first], sure[first]
         rivals = [(one, value - values[first]) for one, value in zip(found, values, strict=True) if one is not best]
@@ -168,7 +212,7 @@ class _Search:
         return Place(place, left, best.correlation, PointStatus.OK)
 
     def _is_same_place(self, index: int, best: Candidate, rival: Candidate) -> bool:
-        """Whether two candidates are within one subset or on one edge: then the standard deviation says what is open."""
+        """Whether two candidates are within one subset or on one edge: how far apart is then an uncertainty."""
         if np.linalg.norm(rival.position - best.position) <= self.subset_px / 2:
             return True
         return lowest_between(self.maps[index], best, rival) >= min(best.score, rival.score) - _VALLEY
@@ -176,7 +220,7 @@ class _Search:
     def _register(
         self, index: int, best: Candidate, mean: FloatArray, covariance: FloatArray
     ) -> tuple[FloatArray, FloatArray, float] | None:
-        """Position (2,) [px], covariance (2, 2) [px2] and correlation to a fraction of a pixel, where they can be had."""
+        """Position (2,) [px], covariance (2, 2) [px2] and correlation to a fraction of a pixel, where it converges."""
         if np.sqrt(np.linalg.eigvalsh(best.covariance)[-1]) > _SHARP_PX:
             return None
         point = self.points2d[index]
@@ -188,7 +232,9 @@ class _Search:
             apart = found.position[0] - mean
             if not (found.converged[0] and near and found.correlation[0] >= LEAST_CORRELATION):
                 continue
-            if apart @ np.linalg.solve(covariance, apart) > GATE or way_back(self.images, point, found, size) > RETURN_PX:
+            if apart @ np.linalg.solve(covariance, apart) > GATE:
+                continue
+            if way_back(self.images, point, found, size) > RETURN_PX:
                 continue
             known = np.isfinite(found.covariance[0]).all()
             sharp = found.covariance[0] if known else best.covariance

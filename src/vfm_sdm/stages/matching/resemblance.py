@@ -4,18 +4,33 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.stages.registration.peaks import DISTINCT_PX
 
-__all__ = ["LEAST_CORRELATION", "Candidate", "ResemblanceMap", "best_candidates", "lowest_between", "map_resemblance", "score", "soften"]
+__all__ = [
+    "LEAST_CORRELATION",
+    "Candidate",
+    "ResemblanceMap",
+    "best_candidates",
+    "count_cells",
+    "lowest_between",
+    "map_resemblance",
+    "score",
+    "soften",
+]
 
+SoftArray = npt.NDArray[np.float32]
+"""A picture softened for comparison, shape (H, W)."""
 LEAST_CORRELATION = 0.7
 """Below this correlation two subsets do not show the same."""
 _FULL_CORRELATION = 0.98
 """Above this correlation two views of one place do not tell more: gloss, shading and focus differ as much."""
 _INDEPENDENT_PIXELS = 10.0
 """What differs between two views is the same over large parts of a subset: it counts as so many independent pixels."""
+_CHANCE = 0.2
+"""Expected number of places that resemble a point as well by chance, up to which one of them counts."""
 _SOFTENING_PX = 1.0
 _REACH = 3.5
 """Standard deviations of the expectation that are searched."""
@@ -29,13 +44,16 @@ _PEAKS = 8
 _NOWHERE = -1e9
 
 
-def score(correlation: FloatArray | float) -> FloatArray:
-    """Logarithm of the likelihood of a correlation, up to a constant [1].
+def score(correlation: FloatArray | float, cells: float = _INDEPENDENT_PIXELS) -> FloatArray:
+    """Logarithm of the likelihood of a correlation [1].
 
     Parameters
     ----------
     correlation
         Normalised cross-correlation, any shape.
+    cells
+        Independent pixels of the residual between two views of one place; or, over the likelihood of unrelated
+        pictures, of the texture (`count_cells`).
 
     Notes
     -----
@@ -47,7 +65,37 @@ def score(correlation: FloatArray | float) -> FloatArray:
     [3.4, 8.3, 16.1]
     """
     known = np.clip(correlation, 0.0, _FULL_CORRELATION)
-    return np.asarray(-_INDEPENDENT_PIXELS / 2 * np.log(1 - known**2))
+    return np.asarray(-cells / 2 * np.log(1 - known**2))
+
+
+def count_cells(subset: SoftArray) -> float:
+    """Number of independent cells of a texture: what is smooth resembles much else by chance.
+
+    Parameters
+    ----------
+    subset
+        Shape (S, S).
+
+    Notes
+    -----
+    A random texture of variance s2 whose slope along a direction has the variance g2 decorrelates over ``l = s / g``; a
+    Gaussian autocorrelation of this width covers ``sqrt(2 pi) l``. The directions are those of the structure tensor.
+
+    References
+    ----------
+    .. [1] Foerstner, W., Guelch, E. (1987). A fast operator for detection and precise location of distinct points,
+       corners and centres of circular features. ISPRS Intercommission Workshop, Interlaken.
+
+    Examples
+    --------
+    >>> stripes = np.tile(np.sin(np.arange(41) / 2), (41, 1)).astype(np.float32)
+    >>> round(count_cells(stripes)), round(count_cells(stripes + stripes.T))
+    (8, 33)
+    """
+    slopes = [d.ravel() for d in np.gradient(subset.astype(np.float64))]
+    power = np.linalg.eigvalsh(np.array([[np.mean(a * b) for a in slopes] for b in slopes]))
+    widths = np.sqrt(2 * np.pi * subset.var() / np.maximum(power, 1e-12))
+    return float(np.maximum(len(subset) / np.maximum(widths, 1e-6), 1.0).prod())
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +112,28 @@ class ResemblanceMap:
         Map of steps on the grid, in pixels of the first view, to pixels of the second one, shape (2, 2) [1].
     size
         Side of the subset [px].
+    cells
+        Independent cells of its texture.
     """
 
     correlation: FloatArray
     origin: FloatArray
     affine: FloatArray
     size: int
+    cells: float
+
+    def least_correlation(self, covariance: FloatArray) -> float:
+        """Correlation that unrelated pictures hardly reach at one of the places where a point may be.
+
+        Parameters
+        ----------
+        covariance
+            Of where it is expected, shape (2, 2) [px2].
+        """
+        # Ellipse of two standard deviations over the area of a cell.
+        area = 4 * np.pi * np.sqrt(np.linalg.det(covariance))
+        places = max(area * self.cells / (self.size**2 * abs(np.linalg.det(self.affine))), 1.0)
+        return float(np.sqrt(1 - (_CHANCE / places) ** (2 / self.cells)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +170,7 @@ class Candidate:
 
 
 def map_resemblance(
-    images: tuple[LumaArray, LumaArray],
+    images: tuple[SoftArray, SoftArray],
     point: FloatArray,
     expected: tuple[FloatArray, FloatArray],
     affine: FloatArray,
@@ -148,12 +212,12 @@ def map_resemblance(
     found = cv2.matchTemplate(area, np.ascontiguousarray(subset), cv2.TM_CCOEFF_NORMED).astype(np.float64)
     whole = cv2.boxFilter(inside, -1, (size, size))[half : half + found.shape[0], half : half + found.shape[1]] > 0.999
     found[~whole | ~np.isfinite(found) | (np.abs(found) > 1.0001)] = -1.0
-    return ResemblanceMap(found, mean - affine @ [reach_u, reach_v], affine, size)
+    return ResemblanceMap(found, mean - affine @ [reach_u, reach_v], affine, size, count_cells(subset))
 
 
-def soften(image: LumaArray) -> FloatArray:
+def soften(image: LumaArray) -> SoftArray:
     """The image blurred a little, in single precision: noise and focus matter less, shape (H, W)."""
-    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), _SOFTENING_PX))
+    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), _SOFTENING_PX), np.float32)
 
 
 def best_candidates(
@@ -173,7 +237,7 @@ def best_candidates(
     found: list[Candidate] = []
     inverse = np.linalg.inv(covariance)
     for one in maps:
-        like = np.nonzero(one.correlation >= LEAST_CORRELATION)
+        like = np.nonzero(one.correlation >= max(LEAST_CORRELATION, one.least_correlation(covariance)))
         apart = np.column_stack(like[::-1]) @ one.affine.T + one.origin - mean
         distance = np.einsum("ni,ij,nj->n", apart, inverse, apart)
         value = np.full(one.correlation.shape, _NOWHERE)
