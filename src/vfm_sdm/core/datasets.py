@@ -7,7 +7,7 @@ tracks
     One view, own clock: dims ``time, point, pixel``; ``position`` [px], ``position_covariance`` [px2]
     (``pixel_a, pixel_b``), ``status``. With a leading dim ``view`` the tracks share one clock, and what is known of
     each view's own clock are variables on ``view``: ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate``
-    [1], ``clock_status``.
+    [1], ``clock_status``; and ``clock_use`` (view, point).
 displacement
     dims ``time, point, axis``; ``displacement`` [mm], ``displacement_std`` [mm] (random part), ``scale_std`` [1]
     (systematic part, dims ``point, axis``), ``position`` [m], ``reprojection_error`` [px], ``status``.

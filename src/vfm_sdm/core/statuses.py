@@ -10,6 +10,7 @@ __all__ = [
     "CameraMotionStatus",
     "CameraStatus",
     "ClockStatus",
+    "ClockUse",
     "Outcome",
     "PointStatus",
     "RecordingStatus",
@@ -116,13 +117,25 @@ class ClockStatus(StrEnum):
     NO_MOTION = "no common motion"
     """At no lag of the search are the recordings more alike than unrelated noise: no motion, or different motion."""
     TOO_SHORT = "too short"
-    """No lag of the search leaves enough common samples."""
+    """No lag of the search leaves enough common samples, or those about its centre do not."""
     TOO_SLOW = "too few samples a second for the band"
     """The sampling is too slow for motion in the band, for example with pictures taken one by one."""
     AT_EDGE = "peak at the edge of the search"
     """The best lag may lie outside the search."""
     NOT_CONVERGED = "not converged"
     """No lag near the best of the search is better than its neighbours on both sides."""
+
+
+class ClockUse(StrEnum):
+    """What became of a point when the lag between two clocks was estimated."""
+
+    USED = "used"
+    NOT_ASKED = "not asked"
+    """A static point, or the offset was not estimated from the motion."""
+    TOO_FEW = "too few common samples"
+    NO_MOTION = "no common motion above its noise"
+    DISAGREES = "moves otherwise than most"
+    """Its own best lag is another one; it was left out."""
 
 
 class RefinementStatus(StrEnum):

@@ -23,15 +23,13 @@ from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.guided import match_through
 from vfm_sdm.stages.matching.matches import Matches
-from vfm_sdm.stages.matching.points import given_points
+from vfm_sdm.stages.matching.points import NAMED_STD_PX, named_points
 from vfm_sdm.stages.matching.smooth import agree_smoothly
 
-__all__ = ["MIN_INLIERS", "POINTED_STD_PX", "Known", "RelatedView", "relate_to_first", "relate_view"]
+__all__ = ["MIN_INLIERS", "Known", "RelatedView", "relate_to_first", "relate_view"]
 
 MIN_INLIERS = 30
 """Number of matches in agreement with one pose from which a pair of views counts as related."""
-POINTED_STD_PX = 1.5
-"""Standard deviation of a place that somebody pointed at [px]."""
 _NAMED = 5
 """Points named in both views that determine a pose."""
 _POINTED, _NO_CHANCE = Agreement(np.inf, 1.0, 1.0), Agreement(0.0, 1.0, 0.0)
@@ -202,9 +200,9 @@ def _relate_freely(names: tuple[str, str], matches: Matches, cameras: tuple[Came
 
 def _named_pairs(session: Session, views: tuple[str, str], index: int) -> Matches | None:
     """Pixels of the points that the session names in both views."""
-    points = given_points(session, views)["position"].transpose("view", "point", "pixel").values
+    points = named_points(session, views)["position"].transpose("view", "point", "pixel").values
     both = np.isfinite(points).all(axis=(0, 2))
-    return Matches(0, index, points[0, both], points[1, both], std_px=POINTED_STD_PX) if both.any() else None
+    return Matches(0, index, points[0, both], points[1, both], std_px=NAMED_STD_PX) if both.any() else None
 
 
 def _relate_by_hand(known: Known, cameras: tuple[Camera, Camera]) -> RelatedView | None:

@@ -21,7 +21,7 @@ from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.locate import PointFinder
-from vfm_sdm.stages.matching.points import check_inside, given_points, named_points
+from vfm_sdm.stages.matching.points import check_inside, named_points
 
 __all__ = ["solve_cameras"]
 
@@ -70,7 +70,7 @@ def solve_cameras(
     # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
     known = estimate.rig.covariance is not None
     hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches), *estimate.others]
-    given = given_points(session, views)
+    given = named_points(session, views)
     weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given)[0])
     finder = PointFinder(session, frames, matcher)
     matches = weighed.hypothesis.matches
