@@ -64,8 +64,9 @@ class Follower:
 
     def __init__(self, bank: SubsetBank, reference: LumaArray, settings: FollowSettings, executor: Executor) -> None:
         self._bank, self._settings, self._executor = bank, settings, executor
-        half = bank.subset_px // 2
-        self._cuts = {int(p): cut_subset(reference, bank.centers[p], half) for p in np.flatnonzero(bank.inside)}
+        self._half = bank.subset_px // 2
+        usable = np.flatnonzero(bank.usable).tolist()
+        self._cuts = {p: cut_subset(reference, bank.centers[p], int(self._half[p])) for p in usable}
         identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(bank), 1))
         self._last = np.concatenate([bank.centers, identity], axis=1)  # warps where each was found last
         self._step = np.zeros((len(bank), 2))  # motion over the last two frames, where both were found
@@ -108,9 +109,8 @@ class Follower:
 
     def _clearance(self, warps: FloatArray, luma: LumaArray) -> FloatArray:
         """Smallest distance between the subsets at these places and the border of the image, shape (P,) [px]."""
-        half = self._bank.subset_px // 2
         limit = np.array(luma.shape[::-1]) - 1
-        return np.asarray(np.minimum(warps[:, :2], limit - warps[:, :2]).min(axis=1) - half)
+        return np.asarray(np.minimum(warps[:, :2], limit - warps[:, :2]).min(axis=1) - self._half)
 
     def _register(self, luma: LumaArray, rows: IntArray, warps: FloatArray) -> RawRegistration:
         return self._bank.run(luma, rows, warps, max_iterations=self._settings.max_iterations, executor=self._executor)
