@@ -304,6 +304,35 @@ class SubsetBank:
         )
 
     @cached_property
+    def edge_across(self) -> FloatArray:
+        """Unit vectors across the edges, shape (P, 2) [1]; NaN for a subset that is none."""
+        unknown = np.full(2, np.nan)
+        designs = (None,) * len(self) if self.designs is None else self.designs
+        across = [unknown if design is None else design.direction() for design in designs]
+        return np.array(across).reshape(-1, 2)
+
+    def hold_along_edges(self, rows: IntArray, centers: FloatArray) -> FloatArray:
+        """Starts of registrations, moved along edges to where the subset lies in the reference image.
+
+        Parameters
+        ----------
+        rows
+            Row of the subset of each start, shape (K,).
+        centers
+            Starts of the subsets' centres, shape (K, 2) [px].
+
+        Returns
+        -------
+        centers
+            Shape (K, 2) [px]; as they are where a subset is no edge.
+        """
+        if self.designs is None:
+            return centers
+        home, across = self.centers[rows], self.edge_across[rows]
+        moved = np.einsum("ki,ki->k", centers - home, across)
+        return np.where(np.isfinite(across), home + moved[:, None] * across, centers)
+
+    @cached_property
     def _noise(self) -> SubsetNoise:
         return SubsetNoise.of(self.subset_px, self.designs, self.prepared)
 

@@ -98,13 +98,12 @@ class HybridTracker:
             video, points2d, names=names, reference_frame=reference_frame, progress=_in_halves(progress, 0)
         )
         expected = followed["position"].values
-        tracks = self.registration_tracker.track(
+        tracks = self.registration_tracker.starting_from(expected).track(
             video,
             points2d,
             names=names,
             reference_frame=reference_frame,
             progress=_in_halves(progress, len(expected)),
-            expected=expected,
         )
         disagreement = np.linalg.norm(tracks["position"].values - expected, axis=2)
         status = tracks["status"]
