@@ -118,16 +118,13 @@ def _find_restless(window: Window, noise: Image) -> BoolArray:
 
 def _find_seed(window: Window, noise: Image, steady: BoolArray) -> tuple[FloatArray, FloatArray, float]:
     """Motion of the nearest surroundings that have texture, its covariance, and their radius [px]."""
-    found: tuple[FloatArray, FloatArray, float] | None = None
+    still = np.zeros((window.count, 2))
     for radius in _SEEDS_PX:
         weights = np.exp(-window.radius2 / (2 * radius**2)) * (window.radius2 < (2.5 * radius) ** 2) * steady
-        motion, covariance = window.register(weights.astype(np.float32), noise, np.zeros((window.count, 2)))
-        found = motion, covariance, radius
-        if np.linalg.eigvalsh(covariance)[0] < _SEED_STD_PX**2:
+        motion, covariance = window.register(weights.astype(np.float32), noise, still)
+        if np.linalg.eigvalsh(covariance)[0] < _SEED_STD_PX**2 or radius == _SEEDS_PX[-1]:
             break
-    if found is None:
-        raise AssertionError
-    return found
+    return motion, covariance, radius
 
 
 def is_distinct(first: FloatArray, second: FloatArray) -> bool:
@@ -175,9 +172,7 @@ def _find_others(window: Window, motion: FloatArray, noise: Image, steady: BoolA
     return others
 
 
-def _vote(
-    window: Window, motion: FloatArray, others: list[FloatArray], noise: Image
-) -> tuple[BoolArray, BoolArray]:
+def _vote(window: Window, motion: FloatArray, others: list[FloatArray], noise: Image) -> tuple[BoolArray, BoolArray]:
     """Areas that are sure to move otherwise than the point, and those that are sure to move with it, (R, R) each."""
     against, supporting = np.zeros(noise.shape, np.bool_), np.ones(noise.shape, np.bool_)
     smooth = np.stack([soften(frame, _SMOOTH_PX) for frame in window.soft])

@@ -1,11 +1,13 @@
 """Size, shape and warp of a point's subset, from what moves with it and what its texture can carry."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
+from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
 from vfm_sdm.stages.registration.subsets import SubsetBank
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
@@ -65,7 +67,7 @@ class SubsetChoice:
     nearest: FloatArray
 
 
-def choose_subset(frames: LumaArray, offset: FloatArray, subset_px: int | None) -> SubsetChoice:
+def choose_subset(frames: LumaArray, offset: FloatArray, sizes: Sequence[int]) -> SubsetChoice:
     """The subset of the point in the middle of a window.
 
     Parameters
@@ -74,10 +76,9 @@ def choose_subset(frames: LumaArray, offset: FloatArray, subset_px: int | None) 
         The window [v, u] in the reference frame and in K sample frames, shape (K + 1, R, R).
     offset
         Vector from the middle pixel to the point, shape (2,) [px].
-    subset_px
-        Side of the square [px]; chosen when ``None``.
+    sizes
+        Sides of the square to choose from, rising [px].
     """
-    sizes = SIZES_PX if subset_px is None else (subset_px,)
     window = Window(_middle(frames, sizes[-1] // 2 + _MARGIN_PX))
     belief = find_belief(window, max(sizes[0] // 2, _SIGHT_PX))
     best: SubsetChoice | None = None
@@ -88,7 +89,7 @@ def choose_subset(frames: LumaArray, offset: FloatArray, subset_px: int | None) 
         if best.design is not None and best.design.warp != Warp.EDGE and best.std_px[1] < _GOOD_STD_PX:
             break
     if best is None:
-        raise AssertionError
+        raise DatasetError("sizes: expected at least one side of a square, got none; name one")
     return best if best.design is not None else replace(best, nearest=_find_nearest(frames, sizes[0]))
 
 
@@ -111,7 +112,13 @@ def _choose_warp(window: Window, belief: Belief, frames: LumaArray, offset: Floa
                 design, covariance = chosen
                 values, axes = np.linalg.eigh(covariance)
                 if values[1] <= USABLE_STD_PX**2:
-                    return replace(refused, design=_bare(design), std_px=np.sqrt(values), direction=axes[:, 0], status=PointStatus.OK)
+                    return replace(
+                        refused,
+                        design=_bare(design),
+                        std_px=np.sqrt(values),
+                        direction=axes[:, 0],
+                        status=PointStatus.OK,
+                    )
     across = directions[0]
     edge = SubsetDesign(size, Warp.EDGE, across, _cut_mask(belief.believed, size), _LINEAR_STD)
     found = _try_designs([edge], belief, frames, offset)

@@ -82,4 +82,3 @@ def _cut(image: LumaArray, center: IntArray, half: int) -> LumaArray:
     )
     cut: LumaArray = image[np.ix_(rows, columns)]
     return cut
-

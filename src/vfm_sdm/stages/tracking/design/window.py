@@ -110,7 +110,10 @@ class Window:
                 best = misfit if best is None else np.minimum(misfit, best)
                 further[frame] = np.where(better, trial, further[frame])
                 bu, bv = local_mean(gu * error), local_mean(gv * error)
-                trial = further[frame] - np.stack([(vv + little) * bu - uv * bv, (uu + little) * bv - uv * bu]) / determinant
+                trial = (
+                    further[frame]
+                    - np.stack([(vv + little) * bu - uv * bv, (uu + little) * bv - uv * bu]) / determinant
+                )
                 trial = np.clip(trial, -_REACH_PX, _REACH_PX).astype(np.float32)
             if best is not None:
                 left += best
