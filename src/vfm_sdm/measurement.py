@@ -377,7 +377,7 @@ class Measurement(Chain[Session]):
         return self._parts[kind]
 
     def _choose(self, view: str, places: Mapping[str, FloatArray], subset_px: int | None) -> dict[str, SubsetChoice]:
-        """Subsets of points at places (2,) [px] of a view, by name, each looked at once; none without a use for them."""
+        """Subsets of points at places (2,) [px] of a view, by name, each looked at once; none without use for them."""
         if not isinstance(self.part("trackers"), DesignedTracker):
             return {}
         keys = {name: (view, *place.tolist(), subset_px) for name, place in places.items()}

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import label
+from scipy.ndimage import distance_transform_edt, label
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.stages.tracking.design.window import Image, Window, soften
@@ -22,9 +22,11 @@ DISTINCT_PX = 0.1
 SURE = 4.0
 """Standard deviations by which the vote of an area must leave one motion before it counts for the other."""
 _VOTE_NOISE = 2 / (0.2 * 4 * np.pi * _AREA_PX**2)
-"""Variance of an area's vote for unit variance of a softened pixel and unit mean square change: two noises, the pixels of
-the area, and the fifth of white noise that softening keeps."""
+"""Variance of an area's vote for unit variance of a softened pixel and unit mean square change: two noises, the pixels
+of the area, and the fifth of white noise that softening keeps."""
 _LEAST_AREA_PX = 30
+_NEAR_PX = 10.0
+"""Within this of what moves otherwise, what is unknown is more likely part of it: about a block's side [px]."""
 _RESTLESS = 3.0
 _RESTLESS_PX = 0.6
 """What is left of an area after its best motion must exceed the quiet noise by the first factor (std), and be more than
@@ -81,7 +83,8 @@ def find_belief(window: Window, half_px: int) -> Belief:
        t = sum (J(d0) - J(d1)) (I - J(d1)) / sum (J(d0) - J(d1))^2 over its pixels and all frames is the most likely
        share of d0, 1 for what moves with the point and 0 for what does not; its standard deviation is
        sigma / sqrt(sum (J(d0) - J(d1))^2): the likelihood ratio of the two.
-    4. What is sure to vote for d0 joins in measuring it, nearest first; what is sure to vote for another is not believed.
+    4. What is sure to vote for d0 joins in measuring it, nearest first; what is sure to vote for another is not
+       believed, and neither is what is unsure beside it.
 
     The majority has no say: a post before leaves is what was named, and a still wall beside a moving deck as well.
     """
@@ -96,7 +99,7 @@ def find_belief(window: Window, half_px: int) -> Belief:
     for growth in range(_GROWTH + 1):
         others = _find_others(window, motion, noise, steady) if growth == _GROWTH else others
         against, supporting = _vote(window, motion, others, noise)
-        believed = steady & ~against
+        believed = steady & _find_believed(against, supporting)
         if growth == _GROWTH or not is_distinct(motion, still):
             break
         near = np.exp(-window.radius2 / (2 * (radius * 2.0 ** (growth + 1)) ** 2))
@@ -105,7 +108,7 @@ def find_belief(window: Window, half_px: int) -> Belief:
     if not is_distinct(motion, still):
         others = _find_others(window, motion, noise, steady)
         against, supporting = _vote(window, motion, others, noise)
-        believed = steady & ~against
+        believed = steady & _find_believed(against, supporting)
     return Belief(motion, covariance, believed, against, supporting & believed, radius, noise)
 
 
@@ -192,6 +195,13 @@ def _vote(window: Window, motion: FloatArray, others: list[FloatArray], noise: I
         against |= (share < 0.5) & (1 - share > SURE * std)
         supporting &= (share > 0.6) & (share > SURE * std)
     return _without_specks(against), supporting
+
+
+def _find_believed(against: BoolArray, supporting: BoolArray) -> BoolArray:
+    """What does not move otherwise, but near to what does only what is seen to move with the point, shape (R, R)."""
+    if not against.any():
+        return ~against
+    return np.asarray(~against & (supporting | (distance_transform_edt(~against) > _NEAR_PX)))
 
 
 def _quick(image: Image) -> Image:

@@ -19,7 +19,7 @@ __all__ = ["SIZES_PX", "USABLE_STD_PX", "SubsetChoice", "choose_subset"]
 SIZES_PX = (41, 61, 81, 101)
 """Sides that are tried where the user names none, from small and clear to large and calm [px]."""
 USABLE_STD_PX = 0.1
-"""Standard deviation of one frame up to which a direction is measured [px]: that above which trackers say `unreliable`."""
+"""Standard deviation of one frame up to which a direction is measured [px]; beyond it trackers say ``unreliable``."""
 _GOOD_STD_PX = 0.01
 """A codec's errors alone are as large [px]: nothing is gained by a larger subset (decision record 008)."""
 _WORTH = 0.8

@@ -11,7 +11,7 @@ from vfm_sdm.stages.tracking.design.window import Image, Window, kept_noise, noi
 __all__ = ["find_false_corners", "square_std", "std_around"]
 
 _RIM_PX = 3.0
-"""Width of the rim along what is not believed, in which two surfaces mix [px]: their blur and the half block that votes."""
+"""Width of the rim along what moves otherwise, in which two surfaces mix [px]: their blur, and the area that votes."""
 _NORMAL_PX = 2.0
 _CORE, _LEAST_CORE_PX = 2.0, 9.0
 """Radius of the nearest surroundings in standard deviations of their weights, and at least [px]."""
