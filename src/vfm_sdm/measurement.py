@@ -5,7 +5,7 @@ said of them. Any product can be asked for alone; what it needs is made before i
 cameras and tracks whose inputs have not changed are read from it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -410,7 +410,12 @@ class Measurement(Chain[Session]):
 
 
 def measure(
-    session: Session, folder: Path | str | None = None, *, progress: Progress | None = None, whole_files: bool = False
+    session: Session,
+    folder: Path | str | None = None,
+    *,
+    progress: Progress | None = None,
+    whole_files: bool = False,
+    forecast: Callable[[Mapping[str, xr.Dataset]], None] | None = None,
 ) -> Measurement:
     """The whole way from recordings to displacement.
 
@@ -425,6 +430,8 @@ def measure(
         Called with what is being done.
     whole_files
         Whether large input files are hashed as a whole, see `Measurement`.
+    forecast
+        Called with what the named points should measure (`Measurement.expectation`), before anything else is done.
 
     Returns
     -------
@@ -442,6 +449,8 @@ def measure(
     if measurement.folder is not None:
         _prepare_folder(measurement.folder, session)
         write_session(measurement.folder / "session.resolved.toml", session)
+    if forecast is not None and measurement.expectation:
+        forecast(measurement.expectation)
     for name in ("cameras", "points", "tracks", "displacement", "audit", "figures", "summary"):
         getattr(measurement, name)
     return measurement
