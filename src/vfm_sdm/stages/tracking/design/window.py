@@ -58,7 +58,7 @@ class Window:
     def __init__(self, frames: LumaArray) -> None:
         raw = frames.astype(np.float32)
         # Brightness that all of a frame shares is nobody's motion.
-        raw -= np.median(raw, axis=(1, 2), keepdims=True)
+        raw -= np.median(raw - raw[0], axis=(1, 2), keepdims=True)
         self.soft = np.stack([soften(frame, SOFT_PX) for frame in raw])
         self.count = len(frames) - 1
         half = np.array([[-0.5, 0.0, 0.5]], np.float32)
