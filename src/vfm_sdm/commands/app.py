@@ -1,12 +1,13 @@
 """The command ``vfm-sdm``: each command parses, calls one library function, and prints a short summary."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal, NoReturn
 
 import cyclopts
+import xarray as xr
 from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import (
@@ -109,7 +110,7 @@ def measure_command(
     for form in export:
         find("writers", form)  # before any work is done
     with _progress() as progress:
-        result = measure(settings, output, progress=progress, whole_files=whole_files)
+        result = measure(settings, output, progress=progress, whole_files=whole_files, forecast=_forecast(output))
     for part in reports.measurement_report(result):
         _out.print(part)
     _say(f"written: {output} (figures in {output / 'figures'})")
@@ -280,6 +281,11 @@ def _acknowledged(name: str) -> bool:
     for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
         _err.print(line, markup=False, highlight=False)
     return Confirm.ask("Have you read this licence, and do you accept it?", console=_err, default=False)
+
+
+def _forecast(output: Path) -> Callable[[Mapping[str, xr.Dataset]], None] | None:
+    """Prints what the points should measure, unless an earlier run in this folder has done so."""
+    return None if (output / "tracks.nc").exists() else lambda expected: _err.print(reports.expectation_table(expected))
 
 
 def _say(line: str) -> None:

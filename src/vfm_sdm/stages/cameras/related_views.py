@@ -238,8 +238,8 @@ def _find_fault(names: tuple[str, str], one: RelatedView, tried: int) -> str:
     if one.clearness < _CHANCE_STD or one.wrong_share > _WRONG:
         return (
             f"{pair}: matches agree in {one.agreement.support:.0f} places of the images, by chance they do in "
-            f"{one.chance.support:.0f}: no pose stands out, as with what repeats; measure perpendicular and longitudinal "
-            "distance, name five points in both views (pixel_in), or use a learned matcher"
+            f"{one.chance.support:.0f}: no pose stands out, as with what repeats; measure both distances of the face, "
+            "name five points in both views (pixel_in), or use a learned matcher"
         )
     return ""
 
