@@ -141,7 +141,7 @@ class PointFinder:
             (self.frames[source], self.frames[target]),
             pixels,
             expected,
-            subset_px=self.session.method.subset_px,
+            subset_px=self.session.method.usual_subset_px,
             known=Known(given, known),
         )
         return _as_correspondence(places[: len(wanted)])
