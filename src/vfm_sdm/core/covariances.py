@@ -3,9 +3,9 @@
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray
 
-__all__ = ["edges_across", "judged_std", "largest_std", "measured_variance"]
+__all__ = ["edges_across", "find_edges", "judged_std", "largest_std", "measured_variance"]
 
 
 def largest_std(covariance: FloatArray) -> FloatArray:
@@ -90,20 +90,41 @@ def edges_across(tracks: xr.Dataset) -> FloatArray:
     Parameters
     ----------
     tracks
-        Tracks of one view, shape (T, P, 2) [px], or with a dim ``view``.
+        Tracks of one view, shape (T, P, 2) [px], or with a dim ``view``, or of one point without a dim ``point``.
 
     Returns
     -------
     across
-        Shape (P, 2), or (V, P, 2) for tracks with a dim ``view``.
+        Shape (P, 2), with a dim ``view`` (V, P, 2); without the P for tracks of one point.
 
     Examples
     --------
     >>> edges_across(xr.Dataset(coords={"point": ["mid"]})).tolist()
     [[nan, nan]]
     """
+    lead = [dim for dim in ("view", "point") if dim in tracks.sizes]
     if "edge_across" in tracks:
-        dims = [dim for dim in ("view", "point", "pixel") if dim in tracks["edge_across"].dims]
-        return np.asarray(tracks["edge_across"].transpose(*dims).values, np.float64)
-    lead = (tracks.sizes["view"],) if "view" in tracks.sizes else ()
-    return np.full((*lead, tracks.sizes["point"], 2), np.nan)
+        return np.asarray(tracks["edge_across"].transpose(*lead, "pixel").values, np.float64)
+    return np.full((*(tracks.sizes[dim] for dim in lead), 2), np.nan)
+
+
+def find_edges(tracks: xr.Dataset) -> BoolArray:
+    """Which points of tracks are measured across an edge only, in at least one view.
+
+    Parameters
+    ----------
+    tracks
+        Tracks, shape (T, P, 2) [px], or with a dim ``view``.
+
+    Returns
+    -------
+    edge
+        Shape (P,).
+
+    Examples
+    --------
+    >>> find_edges(xr.Dataset(coords={"point": ["mid"]})).tolist()
+    [False]
+    """
+    edge = np.asarray(np.isfinite(edges_across(tracks)).all(axis=-1))
+    return np.asarray(edge.any(axis=0) if "view" in tracks.sizes else edge)

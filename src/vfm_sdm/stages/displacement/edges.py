@@ -7,19 +7,21 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
-from vfm_sdm.core.covariances import edges_across
+from vfm_sdm.core.covariances import find_edges
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.edge_motion import EdgeMotion, EdgePoint
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity
 from vfm_sdm.geometry.visibility import Sightings
 
-__all__ = ["UNKNOWN_MOTION_M", "SolvedEdges", "find_edges", "solve_edges", "state_prior"]
+__all__ = ["UNKNOWN_MOTION_M", "SolvedEdges", "solve_edges", "state_prior"]
 
 UNKNOWN_MOTION_M = 0.03
 """Standard deviation of motion of which nothing is known [m]: some times what footbridges and floors do in use."""
 _ALIKE = 1.5
 """How much more than the points that are seen whole an edge may move along an axis: these need not be at mid-span."""
+_STILLEST = 0.1
+"""No axis is stiller than this share of the liveliest: that of refined points is so by assumption."""
 _OPEN = 0.5
 """Share of the prior's variance from which on an axis counts as not measured."""
 _MOVING = 3.0
@@ -27,18 +29,6 @@ _MOVING = 3.0
 _FEWEST_SAMPLES = 10
 _LEAST_PX = 1e-3
 """Least standard deviation of a position: no tracker resolves less."""
-
-
-def find_edges(tracks: xr.Dataset) -> BoolArray:
-    """Points that at least one view sees across an edge only, shape (P,).
-
-    Parameters
-    ----------
-    tracks
-        Tracks of one view or, with a dim ``view``, of several, shape (V, T, P, 2) [px].
-    """
-    across = np.isfinite(edges_across(tracks)).all(axis=-1)
-    return np.asarray(across.any(axis=0) if across.ndim == 2 else across)
 
 
 def state_prior(others: xr.Dataset | None) -> FloatArray:
@@ -66,7 +56,8 @@ def state_prior(others: xr.Dataset | None) -> FloatArray:
                 found.append(motion)
     if not found:
         return np.full(3, UNKNOWN_MOTION_M)
-    return np.asarray(_ALIKE * np.max(found, axis=0) / 1e3)
+    prior_std = _ALIKE * np.max(found, axis=0) / 1e3
+    return np.asarray(np.maximum(prior_std, _STILLEST * prior_std.max()))
 
 
 @dataclass(frozen=True, eq=False)

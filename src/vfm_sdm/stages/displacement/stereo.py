@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
+from vfm_sdm.core.covariances import find_edges
 from vfm_sdm.core.datasets import (
     CAMERA_AXES,
     PIXEL,
@@ -29,7 +30,7 @@ from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import compute_reprojection_error, in_front_of_all
 from vfm_sdm.geometry.visibility import Sightings, see_points
 from vfm_sdm.signals.clocks import still_frames
-from vfm_sdm.stages.displacement.edges import SolvedEdges, find_edges, solve_edges, state_prior
+from vfm_sdm.stages.displacement.edges import SolvedEdges, solve_edges, state_prior
 
 __all__ = ["compute_displacement", "find_origin"]
 

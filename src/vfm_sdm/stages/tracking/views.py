@@ -65,8 +65,10 @@ def _track_view(video: Video, points: xr.Dataset, tracker: Tracker, progress: Pr
         return _lost_tracks(np.array([frame.time_s for frame in video.frames()]), names)
     chosen = [name for name, ok in zip(names, known, strict=True) if ok]
     tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
-    codes = tracks["status"].dtype.type(Status.LOST)
-    return tracks if known.all() else tracks.reindex(point=names, fill_value={"status": codes})
+    if known.all():
+        return tracks
+    missing = {"status": tracks["status"].dtype.type(Status.LOST), "subset_px": 0, "warp": "", "believed": 0.0}
+    return tracks.reindex(point=names, fill_value={name: missing.get(str(name), np.nan) for name in tracks.data_vars})
 
 
 def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:
