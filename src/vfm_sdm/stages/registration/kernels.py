@@ -76,13 +76,30 @@ def _solve_step(
 
 
 @compiled
+def _correlate_whole(moments: FloatArray, measure: FloatArray, shares: FloatArray) -> float:
+    """Correlation (ZNCC) of a subset with its template, shading included, from ``measure`` without it."""
+    if shares.size == 0:
+        return float(measure[0])
+    norm2, gain = moments[0], measure[2]
+    product, squares, energy = gain * norm2, norm2, gain * gain * norm2 + measure[1]
+    for q in range(shares.size):
+        product += moments[14 + q] * shares[q]
+        squares += moments[14 + q] * moments[14 + q]
+        energy += shares[q] * shares[q]
+    return float(product / np.sqrt(squares * energy))
+
+
+@compiled
 def _measure_roughness(
-    values: Single, template: Single, mask: Single, size: int, sums: FloatArray, gain: float
+    values: Single, template: Single, believed: Single, row: int, sums: FloatArray, gain: float
 ) -> float:
     """Mean squared difference of neighbours over twice the mean square, of what the template leaves unexplained.
 
-    It is 1 for white noise and near 0 for what is smooth. ``sums`` are those of `correlate`.
+    It is 1 for white noise, near 0 for what is smooth, and NaN without masks. ``sums`` are those of `correlate`.
     """
+    if believed.shape[0] == 0:
+        return np.nan
+    mask, size = believed[row], int(np.sqrt(values.size) + 0.5)
     total, squares, pairs, jumps = 0.0, 0.0, 0.0, 0.0
     for i in range(values.size):
         total += mask[i]
@@ -181,7 +198,7 @@ def register_subsets(
         Current image [v, u], shape (H, W), uint8 or uint16, whose lines may be padded; and the width of the picture in
         it [px].
     bank
-        Tuple of the reference (see `ReferenceSubsets`): pixels (P, 3, S S) float32, moments (P, 14), matrices
+        Tuple of the reference (see `ReferenceSubsets`): pixels (P, 3, S S) float32, moments (P, 14 + Q), matrices
         (P, 2, 6, 6), offsets (2, S S) float32, masks (P or 0, S S) and shading (P, Q, S S) float32.
     work
         Row of the bank of each registration, shape (K,). Starts, which the results replace: t_u, t_v [px], then A row
@@ -204,7 +221,7 @@ def register_subsets(
     line, sampled = np.empty(size + TAPS, np.float32), np.empty(count, np.float32)
     weights = np.empty((2, TAPS), np.float32)
     box, grid = np.empty(4, np.int64), np.empty(6)
-    sums, step, measure = np.empty(9), np.empty(6), np.empty(3)
+    sums, step, measure, shares = np.empty(9), np.empty(6), np.empty(3), np.empty(shading.shape[1])
     for k in range(share[0], share[1]):
         row, warp = rows[k], warps[k]
         box[2], before = 0, 1e-12
@@ -230,24 +247,22 @@ def register_subsets(
             else:
                 sample_warped(coefficients, size, (box[0], box[1]), grid, weights, sampled)
             apply_mask(believed, row, sampled)
-            remove_shading(shading[row], sampled)
+            remove_shading(shading[row], sampled, shares)
             correlate(sampled, pixels[row], offsets, sums)
             if not (
                 _solve_step(sums, int(moments[row, 13]), moments[row], matrices[row], step, measure)
                 and _compose_inverse(grid, step, warp)
             ):
                 break
-            outcome[k, 1] = iteration + 1
-            outcome[k, 2], outcome[k, 3], outcome[k, 4] = measure[0], measure[1], measure[2]
+            outcome[k, 1], outcome[k, 2] = iteration + 1, _correlate_whole(moments[row], measure, shares)
+            outcome[k, 3], outcome[k, 4] = measure[1], measure[2]
             moved = _moved2(step, 0 if rigid else half)
             # Steps shrink by a steady factor, so what is left to go is a geometric series.
             factor = min(np.sqrt(moved / before), 0.9)
             before = moved
             if np.sqrt(moved) * factor < tolerance * (1.0 - factor):
                 outcome[k, 0] = CONVERGED
-                if believed.shape[0] > 0:
-                    mask = believed[row]
-                    outcome[k, 5] = _measure_roughness(sampled, pixels[row, 0], mask, size, sums, measure[2])
+                outcome[k, 5] = _measure_roughness(sampled, pixels[row, 0], believed, row, sums, measure[2])
                 break
 
 
@@ -257,22 +272,23 @@ def _score_shift(
     size: int,
     center: tuple[float, float],
     subset: tuple[Single, FloatArray, Single, Single, Single, int],
-    buffers: tuple[Single, Single, Single, FloatArray],
+    buffers: tuple[Single, Single, Single, FloatArray, FloatArray],
     measure: FloatArray,
 ) -> float:
     """ZNCC of a subset with the image shifted to a centre; ``measure`` gets it, the residual and the gain.
 
     The centre is counted in ``coefficients``. ``subset`` are its pixels and moments, the pixels' offsets, the masks
-    and shadings, and its row in them; ``buffers`` are room for a line, the samples, the spline weights and the sums.
+    and shadings, and its row in them; ``buffers`` are room for a line, the samples, the spline weights, the sums and
+    the shares of the shadings.
     """
-    (pixels, moments, offsets, believed, shading, row), (line, sampled, weights, sums) = subset, buffers
+    (pixels, moments, offsets, believed, shading, row), (line, sampled, weights, sums, shares) = subset, buffers
     half = size // 2
     u0, v0 = int(np.floor(center[0])), int(np.floor(center[1]))
     set_weights(np.float32(center[0] - u0), weights[0])
     set_weights(np.float32(center[1] - v0), weights[1])
     sample_shifted(coefficients, size, (u0 - half, v0 - half), weights, line, sampled)
     apply_mask(believed, row, sampled)
-    remove_shading(shading[row], sampled)
+    remove_shading(shading[row], sampled, shares)
     correlate(sampled, pixels, offsets, sums)
     norm2 = moments[0]
     energy = sums[1] - sums[0] * sums[0] / int(moments[13])
@@ -299,7 +315,13 @@ def correlate_on_grid(picture: Picture, bank: Bank, work: Work, divisions: int, 
     region, coefficients = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     sums, measure, box = np.empty(9), np.empty(3), np.empty(4, np.int64)
     weights = np.empty((2, TAPS), np.float32)
-    buffers = (np.empty(size + TAPS, np.float32), np.empty(count, np.float32), weights, sums)
+    buffers = (
+        np.empty(size + TAPS, np.float32),
+        np.empty(count, np.float32),
+        weights,
+        sums,
+        np.empty(shading.shape[1]),
+    )
     for k in range(share[0], share[1]):
         subset = (pixels[rows[k]], moments[rows[k]], offsets, believed, shading, rows[k])
         outcome[k, 0], outcome[k, 1], outcome[k, 2] = FAILED, 0, np.nan

@@ -44,7 +44,7 @@ class ReferenceSubsets(NamedTuple):
         where a pixel is not believed.
     moments
         Squared norm of the template; sums of the six steepest-descent images; their products with the template; number
-        of believed pixels; shape (P, 14).
+        of believed pixels; share of each shading in the template; shape (P, 14 + Q).
     matrices
         Inverse of the Gauss-Newton matrix M within the allowed warps, and the plain Hessian, shape (P, 2, 6, 6).
     grid
@@ -216,8 +216,10 @@ def _prepare(
     else:
         count = believed.sum(axis=1)
         template = (gray - ((gray * believed).sum(axis=1) / count)[:, None]) * believed
-        template = template - ((shading @ template[..., None]).swapaxes(1, 2) @ shading)[:, 0]
         plain, smooth = ([g * believed for g in kind] for kind in (plain, smooth))
+    shaded = (shading @ template[..., None])[..., 0]
+    if shading.shape[1]:
+        template = template - (shaded[:, None] @ shading)[:, 0]
     design = np.stack([np.ones(side2), *_offset_grid(half)])
     S, T = (_Images(kind, template, design, count, shading) for kind in (smooth, plain))
     M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
@@ -230,7 +232,7 @@ def _prepare(
     to_position = J @ inverse
     return (
         np.stack([template, *smooth], axis=1).astype(np.float32),
-        np.column_stack([S.norm2, S.sums, S.on_template, count]),
+        np.column_stack([S.norm2, S.sums, S.on_template, count, shaded]),
         np.stack([inverse, hessian], axis=1),
         usable,
         to_position @ scatter @ to_position.swapaxes(1, 2),

@@ -226,8 +226,8 @@ def apply_mask(believed: Single, row: int, values: Single) -> None:
 
 
 @compiled
-def remove_shading(shading: Single, values: Single) -> None:
-    """Takes orthonormal surfaces, shape (Q, S S), out of the values of a subset."""
+def remove_shading(shading: Single, values: Single, shares: FloatArray) -> None:
+    """Takes orthonormal surfaces, shape (Q, S S), out of the values of a subset; ``shares`` gets how much of each."""
     for q in range(shading.shape[0]):
         surface = shading[q]
         share = np.float32(0)
@@ -235,6 +235,7 @@ def remove_shading(shading: Single, values: Single) -> None:
             share += surface[i] * values[i]
         for i in range(values.size):
             values[i] -= share * surface[i]
+        shares[q] = share
 
 
 @compiled
