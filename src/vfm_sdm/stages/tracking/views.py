@@ -85,7 +85,8 @@ def _track_view(
     else:
         tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
     codes = tracks["status"].dtype.type(Status.LOST)
-    fill = {"status": codes, "warp": "", "subset_px": 0}
+    missing = {"status": codes, "subset_px": 0, "warp": "", "believed": 0.0}
+    fill = {name: missing.get(str(name), np.nan) for name in tracks.data_vars}
     return tracks if known.all() else tracks.reindex(point=names, fill_value=fill)
 
 
