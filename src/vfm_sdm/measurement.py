@@ -127,7 +127,8 @@ class Measurement(Chain[Session]):
 
     @product(
         reads=(
-            *("view.name", "view.images", "view.lens", "view.camera", "view.level"),
+            *("view.name", "view.images", "view.lens", "view.camera", "view.level", "view.stands"),
+            *("view.perpendicular_distance", "view.longitudinal_distance"),
             *("site", "point", "chessboard", "method.subset_px"),
         ),
         needs=("frames",),
