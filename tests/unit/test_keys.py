@@ -99,7 +99,8 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
 
 def solution_of(session: Session, *_: Any, **__: Any) -> CameraSolution:
     """Points where the session names them, and nothing of the cameras."""
-    return CameraSolution(None, None, None, named_points(session, [view.name for view in session.view]))
+    views = sorted({view for point in session.point for view in (point.view, *point.pixel_in)})
+    return CameraSolution(None, None, None, named_points(session, views))
 
 
 def leaves(model: BaseModel, prefix: str = "") -> list[str]:

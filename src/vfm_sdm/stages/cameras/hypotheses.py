@@ -39,7 +39,7 @@ _AHEAD = 0.5
 """Share of the matches that have to lie in front of the cameras."""
 _SAME_RAD = np.radians(0.5)
 _CONTRADICTED = 4.0
-"""A reading this many standard deviations off excludes a solution where another one has none such."""
+"""A reading or prior this many standard deviations off excludes a solution where another one has none such."""
 _READINGS = {"perpendicular distance": (0.02, "m"), "longitudinal distance": (0.05, "m"), "pitch": (0.2, "deg")}
 """Readings that may tell solutions apart, with their usual standard deviations: laser distance meter, spirit level."""
 
@@ -142,7 +142,7 @@ def _fits(session: Session, one: Hypothesis, found: SiteAdjustment) -> bool:
         # With the baseline reversed, epipolar lines are the same and everything lies behind the cameras.
         if len(m) and in_front_of_all(points3d, pair).mean() < _AHEAD:
             return False
-    if any(q.measured and q.deviation > _CONTRADICTED for q in found.quantities):
+    if any(q.deviation > _CONTRADICTED for q in found.quantities):
         return False
     for view in session.view[1:]:
         aside = found.rig.camera(view.name).center[0]
