@@ -127,6 +127,8 @@ class RefinementStatus(StrEnum):
     """Result of the refinement of a point; with every status but `OK` its tracks are unchanged."""
 
     OK = "ok"
+    EDGE = "measured across an edge only"
+    """The point's depth comes from where it is measured; a correction along the picture's rows would be none."""
     BOTH_POOR = "both views poor"
     """No view tracks it well enough to serve as the reference."""
     UNKNOWN = "uncertainty unknown"

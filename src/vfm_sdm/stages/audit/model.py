@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray, mean_of_known
+from vfm_sdm.core.covariances import edges_across, measured_variance
 from vfm_sdm.core.statuses import Outcome, PointStatus, Verdict
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
@@ -216,7 +217,7 @@ class AuditInputs:
         chosen = self.aligned.sel(view=view, point=self.moving)
         with np.errstate(invalid="ignore"):
             variance = chosen["position"].var("time").sum("pixel", skipna=False).values
-        noise = np.einsum("tpii->tp", chosen["position_covariance"].values)
+        noise = measured_variance(chosen["position_covariance"].values, edges_across(chosen))
         return np.asarray(np.sqrt(np.maximum(variance - mean_of_known(noise), 0.0)))
 
 
