@@ -151,10 +151,9 @@ class Measurement(Chain[Session]):
         return self.cameras.points
 
     @product(
-        reads=("point.name", "point.view", "point.pixel", "point.pixel_in", "method.subset_px"),
+        reads=("point.name", "point.view", "point.pixel", "point.pixel_in"),
         needs=("recordings",),
         parts=("trackers",),
-        label="expectation",
     )
     def expectation(self, session: Session) -> dict[str, xr.Dataset]:
         """What named pixels should measure and how well, by view, before anything else is known of them."""
@@ -166,7 +165,7 @@ class Measurement(Chain[Session]):
         chosen = {view: self._choose(view, places, session.method.subset_px) for view, places in named.items()}
         return {view: describe_subsets(list(of), list(of.values())) for view, of in chosen.items()}
 
-    @product(reads=("method.subset_px",), needs=("recordings", "points"), parts=("trackers",), label="subsets")
+    @product(needs=("recordings", "points"), parts=("trackers",))
     def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
         """What the subset of every point compares, by view and point; empty for trackers that compare none."""
         self._say("subsets")
