@@ -396,7 +396,7 @@ class Measurement(Chain[Session]):
         if cameras.rig is None:
             raise DatasetError("displacement: expected cameras, got none; see the status of the cameras")
         return compute_displacement(
-            tracks,
+            tracks.assign(place_std=cameras.points["position_std"]),
             cameras.rig,
             frame=cameras.frame,
             covariance=cameras.covariance,
