@@ -1,50 +1,97 @@
-"""Matches guided by a map, and those that their surroundings contradict."""
+"""Feature matches along epipolar lines: a textured plate at a known distance before two cameras side by side."""
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, shift
+import pytest
+from scipy.ndimage import gaussian_filter
 
-from vfm_sdm.stages.matching.detection import detect_features
-from vfm_sdm.stages.matching.guided import match_through
-from vfm_sdm.stages.matching.smooth import agree_smoothly
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.stages.matching.detection import add_stretched, detect_features
+from vfm_sdm.stages.matching.features import match_detected
+from vfm_sdm.stages.matching.guided import match_guided
 
-
-def textured(seed, shape=(300, 420)):
-    noise = gaussian_filter(np.random.default_rng(seed).normal(size=shape), 2)
-    return np.clip(128 + 40 * noise / noise.std(), 0, 255).astype(np.uint8)
-
-
-def test_a_pattern_that_repeats_farther_off_is_no_rival():
-    tile = textured(0, (240, 80))
-    first = np.tile(tile, (1, 5))
-    second = np.rint(shift(first.astype(float), (0, 6), order=3, mode="grid-wrap")).clip(0, 255).astype(np.uint8)
-    points, seen = match_through(detect_features(first), (first, second), lambda p: p, (20.0, 6.0))
-    assert len(points) > 50
-    np.testing.assert_allclose(np.median(seen - points, axis=0), [6, 0], atol=0.2)
-    assert (np.abs(seen - points - [6, 0]).max(axis=1) < 2).mean() > 0.95
+SHIFT, FOCAL_PX, BASELINE_M = 40, 800.0, 2.0
+DEPTH_M = FOCAL_PX * BASELINE_M / SHIFT
 
 
-def test_a_map_that_leads_nowhere_matches_nothing():
-    image = textured(1)
-    points, seen = match_through(detect_features(image), (image, image), lambda p: np.full_like(p, np.nan), (9.0, 9.0))
-    assert points.shape == seen.shape == (0, 2)
+def textured(rng, shape):
+    noise = gaussian_filter(rng.normal(size=shape), 2)
+    return 128 + 40 * noise / noise.std()
 
 
-def test_a_flat_picture_matches_nothing():
-    flat = np.full((200, 300), 90, np.uint8)
-    points, _ = match_through(detect_features(flat), (flat, flat), lambda p: p, (9.0, 9.0))
-    assert len(points) == 0
+def seen_twice(plate, rng, noise=6.0):
+    """Features of a plate as both cameras see it: the second has everything further left."""
+    images = [
+        np.clip(part + rng.normal(0, noise, part.shape), 0, 255) for part in (plate[:, :-SHIFT], plate[:, SHIFT:])
+    ]
+    return [detect_features(np.rint(image).astype(np.uint8)) for image in images]
 
 
-def test_what_follows_a_smooth_map_agrees_and_the_rest_does_not():
-    rng = np.random.default_rng(2)
-    pixels = rng.uniform(0, 1000, (200, 2))
-    offsets = np.column_stack([0.01 * pixels[:, 0] + 3e-6 * pixels[:, 1] ** 2, -0.004 * pixels[:, 1]])
-    offsets += rng.normal(0, 0.2, offsets.shape)
-    offsets[:120] += rng.uniform(3, 20, (120, 2)) * rng.choice([-1, 1], (120, 2))
-    agree = agree_smoothly(pixels, offsets)
-    assert agree[120:].mean() > 0.9
-    assert agree[:120].mean() < 0.1
+def make_rig(shape, covariance=None):
+    height, width = shape
+    K = np.array([[FOCAL_PX, 0, (width - 1) / 2], [0, FOCAL_PX, (height - 1) / 2], [0, 0, 1.0]])
+    second = np.array([[1.0, 0, 0, -BASELINE_M], [0, 1, 0, 0], [0, 0, 1, 0]])
+    cameras = Camera(K, (width, height)), Camera(K, (width, height), cam_from_world=second)
+    return Rig(("left", "right"), cameras, True, covariance)
 
 
-def test_too_few_agree_with_nothing():
-    assert not agree_smoothly(np.zeros((5, 2)), np.zeros((5, 2))).any()
+def is_right(matches):
+    return np.abs(matches.points_second - matches.points_first + [SHIFT, 0]).max(axis=1) < 2
+
+
+class TestMatchGuided:
+    def test_known_cameras_find_more_right_matches(self):
+        rng = np.random.default_rng(0)
+        features = seen_twice(textured(rng, (240, 360)), rng, noise=25.0)
+        free, guided = match_detected(*features), match_guided(*features, make_rig((240, 320)))
+        assert is_right(guided).sum() > 1.15 * is_right(free).sum()
+        assert is_right(guided).mean() > 0.8
+        assert (np.diff(guided.quality) <= 0).all()
+
+    def test_rows_that_repeat_are_told_apart_by_their_lines(self):
+        rng = np.random.default_rng(1)
+        features = seen_twice(np.vstack([textured(rng, (60, 360))] * 4), rng)
+        assert (
+            is_right(match_guided(*features, make_rig((240, 320)))).sum()
+            > 5 * is_right(match_detected(*features)).sum()
+        )
+
+    def test_what_repeats_along_the_line_is_not_matched_unless_the_depth_tells(self):
+        rng = np.random.default_rng(2)
+        features = seen_twice(np.hstack([textured(rng, (240, 60))] * 6), rng)
+        rig = make_rig((240, 320))
+        open_depth = match_guided(*features, rig)
+        known_depth = match_guided(*features, rig, depths=(0.8 * DEPTH_M, 1.2 * DEPTH_M))
+        assert is_right(known_depth).mean() > 0.9
+        assert is_right(known_depth).sum() > 200
+        clear_open, clear_known = ((one.quality > 0.4).sum() for one in (open_depth, known_depth))
+        assert clear_open < 0.2 * clear_known
+
+    def test_the_band_is_as_wide_as_the_cameras_are_uncertain(self):
+        rng = np.random.default_rng(3)
+        features = seen_twice(textured(rng, (240, 360)), rng)
+        covariance = np.zeros((20, 20))
+        covariance[14, 14] = np.radians(1.0) ** 2
+        step = np.zeros(20)
+        step[14] = np.radians(1.0)  # pitch of the second camera, 14 px
+        tilted = make_rig((240, 320)).perturbed(step)
+        exact = match_guided(*features, tilted)
+        honest = match_guided(*features, Rig(tilted.names, tilted.cameras, True, covariance))
+        assert is_right(honest).sum() > 300
+        assert is_right(exact).sum() < 0.02 * is_right(honest).sum()
+
+    def test_views_in_the_other_order_agree(self):
+        rng = np.random.default_rng(4)
+        first, second = seen_twice(textured(rng, (240, 360)), rng)
+        rig = make_rig((240, 320))
+        there, back = match_guided(first, second, rig), match_guided(second, first, rig, views=(1, 0))
+        pairs = {(*u, *v) for u, v in zip(there.points_first, there.points_second, strict=True)}
+        swapped = {(*v, *u) for u, v in zip(back.points_first, back.points_second, strict=True)}
+        assert len(pairs & swapped) > 0.9 * len(pairs)
+
+    @pytest.mark.parametrize("empty", [0, 1])
+    def test_no_features_give_no_matches(self, empty):
+        rng = np.random.default_rng(5)
+        features = seen_twice(textured(rng, (240, 360)), rng)
+        flat = np.full((240, 320), 90, np.uint8)
+        features[empty] = add_stretched(detect_features(flat), flat)
+        assert len(match_guided(*features, make_rig((240, 320)))) == 0
