@@ -1,0 +1,179 @@
+"""What was before the camera's encoder: a clean picture and its noise, from a compressed recording of it."""
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+import scipy.fft
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
+
+__all__ = ["Looks", "Source", "measure_looks"]
+
+_EDGES = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.75])
+"""Bands of spatial frequency in which contrast is compared [cycles a pixel]."""
+_BOOST = (0.5, 4.0)
+"""Bounds of the factor by which a band's contrast may differ from that of the recording's mean picture."""
+_NOISE = (0.1, 20.0)
+_TAPER_PX = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """What a clip of a moving surface shows of it: contrast of its mean picture, and noise of its intra frames.
+
+    Parameters
+    ----------
+    contrast
+        Root mean square amplitude of the mean picture in each band of spatial frequency, shape (B,) [grey levels].
+    noise
+        Standard deviation of intra frames about the mean picture [grey levels].
+    """
+
+    contrast: FloatArray
+    noise: float
+
+
+def measure_looks(clip: LumaArray, center: tuple[float, float], shifts: FloatArray, intra: BoolArray, side: int) -> Looks:
+    """Looks of the square around a point that moves in a clip.
+
+    Parameters
+    ----------
+    clip
+        Pictures, shape (T, H, W).
+    center
+        Place of the point in the first of them (u, v) [px].
+    shifts
+        Motion of the point since then, shape (T, 2) [px]; frames where it is NaN are left out.
+    intra
+        Which frames are coded by themselves, shape (T,).
+    side
+        Side of the square [px].
+    """
+    known = np.isfinite(shifts).all(axis=1)
+    half = side // 2
+    u, v = (round(x) for x in center)
+    window = np.outer(np.hanning(2 * half + 2)[1:-1], np.hanning(2 * half + 2)[1:-1]).astype(np.float32)
+    part = clip[known, v - half : v + half, u - half : u + half].astype(np.float32)
+    spectra = scipy.fft.rfft2((part - part.mean(axis=(1, 2), keepdims=True)) * window)
+    fv, fu = np.fft.fftfreq(2 * half)[:, None], np.fft.rfftfreq(2 * half)[None]
+    shifts = shifts[known].astype(np.float32)
+    phase = 2 * np.pi * (fu * shifts[:, 0, None, None] + fv * shifts[:, 1, None, None])
+    spectra *= np.exp(1j * phase.astype(np.float32))
+    mean = spectra.mean(axis=0)
+    radius = np.hypot(fu, fv)
+    power = np.abs(mean) ** 2
+    contrast = [
+        np.sqrt(power[(radius >= low) & (radius < high)].mean()) for low, high in zip(_EDGES, _EDGES[1:], strict=False)
+    ]
+    chosen = intra[known] if intra[known].any() else np.ones(int(known.sum()), np.bool_)
+    apart = np.abs(spectra[chosen] - mean) ** 2
+    # Columns of a real transform but the first and the last stand for two.
+    weight = np.full(apart.shape[2], 2.0)
+    weight[[0, -1]] = 1.0
+    energy = float((apart * weight).sum(axis=(1, 2)).mean()) / (2 * half) ** 2
+    return Looks(np.array(contrast) / (2 * half), float(np.sqrt(energy / float((window**2).sum()))))
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A surface that can be moved by any part of a pixel, and the noise of the pictures of it.
+
+    Parameters
+    ----------
+    spectrum
+        Transform of the mean picture, with `margin_px` around what is drawn.
+    shape
+        Height and width of the picture with its margin [px].
+    level
+        Mean of the picture [grey levels].
+    factors
+        Contrast of each band over that of the mean picture, shape (B,).
+    noise
+        Standard deviation [grey levels].
+    margin_px
+        Pixels around what is drawn.
+    """
+
+    spectrum: FloatArray
+    shape: tuple[int, int]
+    level: float
+    factors: FloatArray
+    noise: float
+    margin_px: int
+
+    @classmethod
+    def estimate(cls, clip: LumaArray, shifts: FloatArray, *, noise: float, margin_px: int) -> "Source":
+        """The surface as the mean of all pictures, each moved back.
+
+        Parameters
+        ----------
+        clip
+            Pictures, shape (T, H, W), with a margin.
+        shifts
+            Motion since the first, shape (T, 2) [px]; frames where it is NaN are left out.
+        noise
+            Standard deviation to begin with [grey levels].
+        margin_px
+            Width of the margin [px].
+        """
+        known = np.isfinite(shifts).all(axis=1)
+        shape = cast("tuple[int, int]", clip.shape[1:])
+        level = float(clip[known].mean())
+        taper = np.outer(*(_taper(n) for n in shape))
+        total = np.zeros((shape[0], shape[1] // 2 + 1), np.complex64)
+        for picture, shift in zip(clip[known], shifts[known], strict=True):
+            total += scipy.fft.rfft2((picture.astype(np.float32) - level) * taper) * _phase(shape, -shift)
+        return cls(total / known.sum(), shape, level, np.ones(len(_EDGES) - 1), noise, margin_px)
+
+    def render(self, shifts: FloatArray, bit_depth: int, rng: np.random.Generator) -> LumaArray:
+        """Pictures of the surface in motion, with noise, rounded, shape (T, H, W) without the margin.
+
+        Parameters
+        ----------
+        shifts
+            Motion of each picture, shape (T, 2) [px].
+        bit_depth
+            Significant bits of the pictures.
+        rng
+            Source of the noise.
+        """
+        spectrum = self.spectrum * self._gain()
+        inner = slice(self.margin_px, -self.margin_px)
+        highest = (1 << bit_depth) - 1
+        pictures = []
+        for shift in shifts:
+            moved = scipy.fft.irfft2(spectrum * _phase(self.shape, shift), s=self.shape)[inner, inner]
+            noisy = moved + np.float32(self.noise) * rng.standard_normal(moved.shape, dtype=np.float32) + self.level
+            pictures.append(np.clip(np.rint(noisy), 0, highest).astype(np.uint8 if bit_depth == 8 else np.uint16))
+        return cast("LumaArray", np.array(pictures))
+
+    def corrected(self, wanted: Looks, got: Looks) -> "Source":
+        """The source whose pictures should come nearer to what a recording shows.
+
+        Parameters
+        ----------
+        wanted, got
+            Looks of the recording, and of this source's pictures after the encoder.
+        """
+        step = wanted.contrast / np.maximum(got.contrast, 1e-6)
+        noise = self.noise * (wanted.noise / max(got.noise, 1e-3))
+        return replace(self, factors=np.clip(self.factors * step, *_BOOST), noise=float(np.clip(noise, *_NOISE)))
+
+    def _gain(self) -> FloatArray:
+        fv, fu = np.fft.fftfreq(self.shape[0])[:, None], np.fft.rfftfreq(self.shape[1])[None]
+        centers = (_EDGES[:-1] + _EDGES[1:]) / 2
+        return np.interp(np.hypot(fu, fv), centers, self.factors).astype(np.float32)
+
+
+def _taper(count: int) -> FloatArray:
+    """Window that falls to zero at both ends, where a picture does not continue, shape (count,)."""
+    rise = np.sin(np.pi / 2 * (np.arange(_TAPER_PX) + 0.5) / _TAPER_PX) ** 2
+    return np.concatenate([rise, np.ones(count - 2 * _TAPER_PX), rise[::-1]]).astype(np.float32)
+
+
+def _phase(shape: tuple[int, int], shift: FloatArray) -> FloatArray:
+    """Factors of a real transform that move a picture by (u, v) [px], shape (H, W // 2 + 1)."""
+    along_v = np.exp(-2j * np.pi * np.fft.fftfreq(shape[0]) * shift[1]).astype(np.complex64)
+    along_u = np.exp(-2j * np.pi * np.fft.rfftfreq(shape[1]) * shift[0]).astype(np.complex64)
+    return np.asarray(along_v[:, None] * along_u[None])
