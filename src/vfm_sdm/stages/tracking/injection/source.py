@@ -5,6 +5,7 @@ from typing import cast
 
 import numpy as np
 import scipy.fft
+from scipy.ndimage import gaussian_filter, uniform_filter
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 
@@ -16,6 +17,12 @@ _BOOST = (0.5, 4.0)
 """Bounds of the factor by which a band's contrast may differ from that of the recording's mean picture."""
 _NOISE = (0.1, 20.0)
 _TAPER_PX = 8
+_EVERY = 4
+"""Frames of which one is looked at to tell what moves from what stands still."""
+_VOTE_PX = 9
+_SOFT_PX = 1.5
+_DOUBT = 0.1
+"""Share of the variance by which a place must look more still than moving to count as still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +90,10 @@ class Source:
     ----------
     spectrum
         Transform of the mean picture, with `margin_px` around what is drawn.
+    mask
+        Transform of the share of each pixel that moves.
+    still
+        Picture of what stands still, with its margin.
     shape
         Height and width of the picture with its margin [px].
     level
@@ -96,6 +107,8 @@ class Source:
     """
 
     spectrum: FloatArray
+    mask: FloatArray
+    still: FloatArray
     shape: tuple[int, int]
     level: float
     factors: FloatArray
@@ -122,9 +135,18 @@ class Source:
         level = float(clip[known].mean())
         taper = np.outer(*(_taper(n) for n in shape))
         total = np.zeros((shape[0], shape[1] // 2 + 1), np.complex64)
-        for picture, shift in zip(clip[known], shifts[known], strict=True):
-            total += scipy.fft.rfft2((picture.astype(np.float32) - level) * taper) * _phase(shape, -shift)
-        return cls(total / known.sum(), shape, level, np.ones(len(_EDGES) - 1), noise, margin_px)
+        seen, seen_moving = _Scatter(), _Scatter()
+        for number, (picture, shift) in enumerate(zip(clip[known], shifts[known], strict=True)):
+            centred = (picture.astype(np.float32) - level) * taper
+            moved = scipy.fft.rfft2(centred) * _phase(shape, -shift)
+            total += moved
+            if number % _EVERY == 0:
+                seen.add(centred)
+                seen_moving.add(scipy.fft.irfft2(moved, s=shape))
+        moves = seen_moving.variance() - seen.variance() < _DOUBT * np.median(seen_moving.variance())
+        mask = scipy.fft.rfft2(gaussian_filter(moves.astype(np.float32), _SOFT_PX)).astype(np.complex64)
+        one = np.ones(len(_EDGES) - 1)
+        return cls(total / known.sum(), mask, seen.mean(), shape, level, one, noise, margin_px)
 
     def render(self, shifts: FloatArray, bit_depth: int, rng: np.random.Generator) -> LumaArray:
         """Pictures of the surface in motion, with noise, rounded, shape (T, H, W) without the margin.
@@ -143,7 +165,9 @@ class Source:
         highest = (1 << bit_depth) - 1
         pictures = []
         for shift in shifts:
-            moved = scipy.fft.irfft2(spectrum * _phase(self.shape, shift), s=self.shape)[inner, inner]
+            phase = _phase(self.shape, shift)
+            moved, share = (scipy.fft.irfft2(x * phase, s=self.shape)[inner, inner] for x in (spectrum, self.mask))
+            moved = self.still[inner, inner] + np.clip(share, 0, 1) * (moved - self.still[inner, inner])
             noisy = moved + np.float32(self.noise) * rng.standard_normal(moved.shape, dtype=np.float32) + self.level
             pictures.append(np.clip(np.rint(noisy), 0, highest).astype(np.uint8 if bit_depth == 8 else np.uint16))
         return cast("LumaArray", np.array(pictures))
@@ -164,6 +188,26 @@ class Source:
         fv, fu = np.fft.fftfreq(self.shape[0])[:, None], np.fft.rfftfreq(self.shape[1])[None]
         centers = (_EDGES[:-1] + _EDGES[1:]) / 2
         return np.interp(np.hypot(fu, fv), centers, self.factors).astype(np.float32)
+
+
+class _Scatter:
+    """Mean of pictures, and their variance in time about each pixel."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._sum = self._squares = np.float32(0)
+
+    def add(self, picture: FloatArray) -> None:
+        self._count += 1
+        self._sum = self._sum + picture
+        self._squares = self._squares + picture**2
+
+    def mean(self) -> FloatArray:
+        return np.asarray(self._sum / self._count)
+
+    def variance(self) -> FloatArray:
+        variance = self._squares / self._count - (self._sum / self._count) ** 2
+        return np.asarray(uniform_filter(variance, _VOTE_PX, mode="nearest"))
 
 
 def _taper(count: int) -> FloatArray:
