@@ -56,6 +56,8 @@ class PointStatus(StrEnum):
     NOT_FOUND = "not found in the other view"
     AMBIGUOUS = "several places look alike"
     NOT_RETURNED = "the way back ends elsewhere"
+    NO_TEXTURE = "no texture to follow"
+    """What moves with the point has no texture, across no edge either: it cannot be tracked."""
 
 
 class CameraStatus(StrEnum):

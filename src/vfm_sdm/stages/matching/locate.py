@@ -112,7 +112,7 @@ class PointFinder:
         return find_correspondences(
             ViewPair((images[matches.first], images[matches.second]), rig, matches),
             np.array([p.pixel for p in points]),
-            subset_px=self.session.method.subset_px,
+            subset_px=self.session.method.usual_subset_px,
             given=given,
             surface=face,
         )

@@ -34,7 +34,7 @@ _ONE = np.float32(1)
 Single = npt.NDArray[np.float32]
 Integers = npt.NDArray[np.int64]
 Picture = tuple[LumaArray, int]
-Bank = tuple[Single, FloatArray, FloatArray, Single]
+Bank = tuple[Single, FloatArray, FloatArray, Single, Single]
 Work = tuple[Integers, FloatArray, FloatArray]
 Corner = tuple[int, int]
 # Plain tuples, because numba's cache on disk cannot be read any more once a class named in a signature is renamed.
@@ -218,6 +218,15 @@ def _sample_warped(
 
 
 @_jit
+def _apply_mask(believed: Single, row: int, values: Single) -> None:
+    """Zero for the pixels of a subset that are not believed; without masks (no rows) nothing."""
+    if believed.shape[0] > 0:
+        mask = believed[row]
+        for i in range(values.size):
+            values[i] *= mask[i]
+
+
+@_jit
 def _correlate(values: Single, pixels: Single, offsets: Single, sums: FloatArray) -> None:
     """Sums over the subset: values, values^2, template * values, then the six steepest-descent products."""
     template, grad_u, grad_v = pixels[0], pixels[1], pixels[2]
@@ -350,8 +359,8 @@ def register_subsets(
         Current image [v, u], shape (H, W), uint8 or uint16, whose lines may be padded; and the width of the picture in
         it [px].
     bank
-        Tuple of the reference (see `subsets.SubsetBank`): pixels (P, 3, S S) float32, moments (P, 13),
-        matrices (P, 2, 6, 6), offsets (2, S S) float32.
+        Tuple of the reference (see `ReferenceSubsets`): pixels (P, 3, S S) float32, moments (P, 14), matrices
+        (P, 2, 6, 6), offsets (2, S S) float32, masks (P or 0, S S) float32.
     work
         Row of the bank of each registration, shape (K,). Starts, which the results replace: t_u, t_v [px], then A row
         by row [1], shape (K, 6). Outcomes to fill in: code, iterations, ZNCC, residual sum of squares and gain, shape
@@ -363,7 +372,7 @@ def register_subsets(
         First registration, and the one after the last.
     """
     (image, columns), (rows, warps, outcome) = picture, work
-    pixels, moments, matrices, offsets = bank
+    pixels, moments, matrices, offsets, believed = bank
     max_iterations, tolerance, rigid_px = settings
     count = pixels.shape[2]
     size = int(np.sqrt(count) + 0.5)
@@ -398,9 +407,10 @@ def register_subsets(
                 _sample_shifted(coefficients, size, (u0 - half - box[0], v0 - half - box[1]), weights, line, sampled)
             else:
                 _sample_warped(coefficients, size, (box[0], box[1]), grid, weights, sampled)
+            _apply_mask(believed, row, sampled)
             _correlate(sampled, pixels[row], offsets, sums)
             if not (
-                _solve_step(sums, count, moments[row], matrices[row], step, measure)
+                _solve_step(sums, int(moments[row, 13]), moments[row], matrices[row], step, measure)
                 and _compose_inverse(grid, step, warp)
             ):
                 break
@@ -420,24 +430,25 @@ def _score_shift(
     coefficients: Single,
     size: int,
     center: tuple[float, float],
-    subset: tuple[Single, FloatArray, Single],
+    subset: tuple[Single, FloatArray, Single, Single, int],
     buffers: tuple[Single, Single, Single, FloatArray],
     measure: FloatArray,
 ) -> float:
     """ZNCC of a subset with the image shifted to a centre; ``measure`` gets it, the residual and the gain.
 
-    The centre is counted in ``coefficients``. ``subset`` are its pixels and moments, and the pixels' offsets;
-    ``buffers`` are room for a line, the samples, the spline weights and the sums.
+    The centre is counted in ``coefficients``. ``subset`` are its pixels and moments, the pixels' offsets, the masks
+    and its row in them; ``buffers`` are room for a line, the samples, the spline weights and the sums.
     """
-    (pixels, moments, offsets), (line, sampled, weights, sums) = subset, buffers
+    (pixels, moments, offsets, believed, row), (line, sampled, weights, sums) = subset, buffers
     half = size // 2
     u0, v0 = int(np.floor(center[0])), int(np.floor(center[1]))
     _weights(np.float32(center[0] - u0), weights[0])
     _weights(np.float32(center[1] - v0), weights[1])
     _sample_shifted(coefficients, size, (u0 - half, v0 - half), weights, line, sampled)
+    _apply_mask(believed, row, sampled)
     _correlate(sampled, pixels, offsets, sums)
     norm2 = moments[0]
-    energy = sums[1] - sums[0] * sums[0] / sampled.size
+    energy = sums[1] - sums[0] * sums[0] / int(moments[13])
     measure[2] = sums[2] / norm2
     measure[1] = max(energy - measure[2] * sums[2], 0.0)
     measure[0] = sums[2] / np.sqrt(norm2 * energy) if energy > 0.0 else -1.0
@@ -452,7 +463,7 @@ def correlate_on_grid(picture: Picture, bank: Bank, work: Work, divisions: int, 
     from the nearest pixel. The search halves its step from half a pixel down to one division and climbs at every step.
     """
     (image, columns), (rows, warps, outcome) = picture, work
-    pixels, moments, _, offsets = bank
+    pixels, moments, _, offsets, believed = bank
     count = pixels.shape[2]
     size = int(np.sqrt(count) + 0.5)
     reach = size // 2 + 1 + _AFTER + _DECAY_PX
@@ -462,7 +473,7 @@ def correlate_on_grid(picture: Picture, bank: Bank, work: Work, divisions: int, 
     weights = np.empty((2, _TAPS), np.float32)
     buffers = (np.empty(size + _TAPS, np.float32), np.empty(count, np.float32), weights, sums)
     for k in range(share[0], share[1]):
-        subset = (pixels[rows[k]], moments[rows[k]], offsets)
+        subset = (pixels[rows[k]], moments[rows[k]], offsets, believed, rows[k])
         outcome[k, 0], outcome[k, 1], outcome[k, 2] = FAILED, 0, np.nan
         if not _is_place(warps[k]):
             continue

@@ -1,5 +1,6 @@
 """Preparation of subsets of the reference image for registration: gradients, matrices, and the effect of noise."""
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import cache
 from typing import Any, NamedTuple
@@ -9,6 +10,7 @@ import numpy.typing as npt
 from scipy.ndimage import correlate1d, map_coordinates, spline_filter1d
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
+from vfm_sdm.stages.registration.designs import SubsetDesign
 
 __all__ = ["SMOOTHING", "ReferenceSubsets", "interpolation_noise", "prepare_subsets"]
 
@@ -24,38 +26,52 @@ _BATCH = 32  # subsets prepared at one time; bounds the memory
 
 
 class ReferenceSubsets(NamedTuple):
-    """Arrays of P prepared subsets; the kernel `register_subsets` reads the first four.
+    """Arrays of P prepared subsets of one size; the kernel `register_subsets` reads the first five.
 
     Parameters
     ----------
     pixels
-        Template less its mean, smoothed gradients along u and v, in [u, v] order, shape (P, 3, S S) [grey levels].
+        Template less its mean, smoothed gradients along u and v, in [u, v] order, shape (P, 3, S S) [grey levels]; zero
+        where a pixel is not believed.
     moments
-        Squared norm of the template; sums of the six steepest-descent images; their products with the template;
-        shape (P, 13).
+        Squared norm of the template; sums of the six steepest-descent images; their products with the template; number
+        of believed pixels; shape (P, 14).
     matrices
-        Inverse of the Gauss-Newton matrix M, and the plain Hessian, shape (P, 2, 6, 6).
+        Inverse of the Gauss-Newton matrix M within the allowed warps, and the plain Hessian, shape (P, 2, 6, 6).
     grid
         Offsets (u, v) of a subset's pixels in [u, v] order, shape (2, S S) [px]; the same for all.
+    believed
+        1 for believed pixels, 0 for others, in [u, v] order, shape (P, S S); (0, S S) where all are believed.
     usable
-        Whether the texture fixes all six parameters, shape (P,).
+        Whether the texture fixes all parameters of the allowed warps, shape (P,).
     unit_covariance
         Covariance of the position for noise of one grey level in all, shape (P, 2, 2) [px2].
     noise_share
         Part of the gradient matrix that noise of one grey level makes, shape (P, 2, 2) [1].
+    leakage
+        Error of the position for each unit of a true warp, shape (P, 2, 6) [px, px per unit of the linear part]: what
+        the allowed warps leave out; zero for affine ones.
     """
 
     pixels: npt.NDArray[np.float32]
     moments: FloatArray
     matrices: FloatArray
     grid: npt.NDArray[np.float32]
+    believed: npt.NDArray[np.float32]
     usable: BoolArray
     unit_covariance: FloatArray
     noise_share: FloatArray
+    leakage: FloatArray
 
 
 def prepare_subsets(
-    reference: LumaArray, centers: IntArray, offsets: FloatArray, half: int, *, executor: Executor | None = None
+    reference: LumaArray,
+    centers: IntArray,
+    offsets: FloatArray,
+    half: int,
+    *,
+    designs: Sequence[SubsetDesign] | None = None,
+    executor: Executor | None = None,
 ) -> ReferenceSubsets:
     """Gradients and matrices of the subsets around pixels of the reference image.
 
@@ -69,6 +85,8 @@ def prepare_subsets(
         Vectors from the centre to the named point, shape (P, 2) [px].
     half
         Half the side of the subset, without its centre [px].
+    designs
+        Warp and mask of each of the P subsets, all of this size; affine and whole by default.
     executor
         Threads that share the work; without them, it runs in this thread.
 
@@ -79,6 +97,12 @@ def prepare_subsets(
     precision (the weights of a least-squares estimate may be perturbed to first order) and takes away most of the
     bias that interpolation has near half the sampling frequency. That S is orthogonal to the template makes the step
     independent of gain and bias, the ZNSSD criterion, without normalising the current subset.
+
+    With B the basis of the allowed warps (`SubsetDesign.basis`), M^-1 becomes B (B' M B)^-1 B': the least-squares step
+    within them. A true warp p is then found as Q p with Q = B (B' M B)^-1 B' M, so that the position is wrong by
+    J (Q - 1) p, where J takes the warp to the named point. For a translation and a rotation or strain this is the
+    rotation or strain times the distance of the point from the middle of the texture. Pixels that are not believed
+    have no part in any sum.
 
     References
     ----------
@@ -94,12 +118,25 @@ def prepare_subsets(
     """
 
     def prepare(start: int) -> tuple[npt.NDArray[Any], ...]:
-        return _prepare(reference, centers[start : start + _BATCH], offsets[start : start + _BATCH], half)
+        some = slice(start, start + _BATCH)
+        return _prepare(reference, centers[some], offsets[some], half, None if designs is None else designs[some])
 
     starts = range(0, max(len(centers), 1), _BATCH)
     parts = map(prepare, starts) if executor is None else executor.map(prepare, starts)
     pixels, moments, matrices, *others = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return ReferenceSubsets(pixels, moments, matrices, _offset_grid(half).astype(np.float32), *others)
+    masks = _believed(designs)
+    grid = _offset_grid(half).astype(np.float32)
+    believed = np.empty((0, grid.shape[1]), np.float32) if masks is None else masks.astype(np.float32)
+    return ReferenceSubsets(pixels, moments, matrices, grid, believed, *others)
+
+
+def _believed(designs: Sequence[SubsetDesign] | None) -> BoolArray | None:
+    """Masks of subsets of one size in [u, v] order, shape (P, S S); ``None`` where all pixels are believed."""
+    if designs is None or all(design.mask is None for design in designs):
+        return None
+    side = (designs[0].subset_px, designs[0].subset_px)
+    masks = [np.ones(side, np.bool_) if design.mask is None else design.mask for design in designs]
+    return np.stack([mask.T.ravel() for mask in masks])
 
 
 def _offset_grid(half: int) -> FloatArray:
@@ -118,32 +155,59 @@ def interpolation_noise() -> FloatArray:
     return np.asarray((response**2).sum(axis=0))
 
 
-def _prepare(reference: LumaArray, centers: IntArray, offsets: FloatArray, half: int) -> tuple[npt.NDArray[Any], ...]:
-    """The fields of `ReferenceSubsets` without the grid, for one batch of points."""
+def _prepare(
+    reference: LumaArray,
+    centers: IntArray,
+    offsets: FloatArray,
+    half: int,
+    designs: Sequence[SubsetDesign] | None,
+) -> tuple[npt.NDArray[Any], ...]:
+    """The fields of `ReferenceSubsets` without grid and masks, for one batch of points."""
     windows = _cut_windows(reference, centers, half + _MARGIN)
     core = np.s_[:, _MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
-    points, count = len(centers), (2 * half + 1) ** 2
-    gray = windows[core].reshape(points, count)
-    template = gray - gray.mean(axis=1, keepdims=True)
-    plain, smooth = ([g.reshape(points, count) for g in kind] for kind in _compute_gradients(windows))
-    design = np.stack([np.ones(count), *_offset_grid(half)])
-    S, T = _Images(smooth, template, design), _Images(plain, template, design)
+    points, side2 = len(centers), (2 * half + 1) ** 2
+    gray = windows[core].reshape(points, side2)
+    plain, smooth = ([g.reshape(points, side2) for g in kind] for kind in _compute_gradients(windows))
+    count, believed = np.full(points, side2), _believed(designs)
+    if believed is None:
+        template = gray - gray.mean(axis=1, keepdims=True)
+    else:
+        count = believed.sum(axis=1)
+        template = (gray - ((gray * believed).sum(axis=1) / count)[:, None]) * believed
+        plain, smooth = ([g * believed for g in kind] for kind in (plain, smooth))
+    design = np.stack([np.ones(side2), *_offset_grid(half)])
+    S, T = _Images(smooth, template, design, count), _Images(plain, template, design, count)
     M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
 
-    usable = _is_well_posed(M) & (S.norm2 > 0)
-    inverse = np.linalg.inv(np.where(usable[:, None, None], M, np.eye(6)))
+    inverse, usable = _invert(M, designs)
+    usable &= S.norm2 > 0
     J = np.zeros((points, 2, 6))
     J[:, 0, 0] = J[:, 1, 3] = 1
     J[:, 0, 1:3] = J[:, 1, 4:6] = offsets
     to_position = J @ inverse
     return (
         np.stack([template, *smooth], axis=1).astype(np.float32),
-        np.column_stack([S.norm2, S.sums, S.on_template]),
+        np.column_stack([S.norm2, S.sums, S.on_template, count]),
         np.stack([inverse, hessian], axis=1),
         usable,
         to_position @ scatter @ to_position.swapaxes(1, 2),
-        _compute_gradient_noise() * count * inverse[:, ::3, ::3],
+        _compute_gradient_noise() * count[:, None, None] * inverse[:, ::3, ::3],
+        np.zeros_like(J) if designs is None else to_position @ M - J,
     )
+
+
+def _invert(M: FloatArray, designs: Sequence[SubsetDesign] | None) -> tuple[FloatArray, BoolArray]:
+    """Inverses of matrices (P, 6, 6) within the allowed warps, and whether these are fixed, shape (P,)."""
+    if designs is None:
+        usable = _is_well_posed(M)
+        return np.linalg.inv(np.where(usable[:, None, None], M, np.eye(6))), usable
+    inverse, fixed = np.zeros_like(M), np.zeros(len(M), np.bool_)
+    for point, (matrix, design) in enumerate(zip(M, designs, strict=True)):
+        B = design.basis()
+        within = B.T @ matrix @ B
+        fixed[point] = _is_well_posed(within[None])[0]
+        inverse[point] = B @ np.linalg.inv(within if fixed[point] else np.eye(B.shape[1])) @ B.T
+    return inverse, fixed
 
 
 def _cut_windows(reference: LumaArray, centers: IntArray, reach: int) -> FloatArray:
@@ -183,8 +247,8 @@ def _apply_filter(images: FloatArray, along_u: FloatArray, along_v: FloatArray) 
 class _Images:
     """Steepest-descent images of one kind of gradient: the gradients times 1, u, v of the offset (``design``)."""
 
-    def __init__(self, gradients: list[FloatArray], template: FloatArray, design: FloatArray) -> None:
-        self.gradients = gradients
+    def __init__(self, gradients: list[FloatArray], template: FloatArray, design: FloatArray, count: IntArray) -> None:
+        self.gradients, self.count = gradients, count
         self.norm2 = np.einsum("pn,pn->p", template, template)
         self.sums = np.concatenate([g @ design.T for g in gradients], axis=1)
         self.on_template = np.concatenate([(g * template) @ design.T for g in gradients], axis=1)
@@ -199,7 +263,7 @@ def _normal_matrix(first: _Images, second: _Images, design: FloatArray) -> Float
     blocks = np.array([[(a * b) @ squares for b in second.gradients] for a in first.gradients])
     product = blocks.reshape(2, 2, -1, 3, 3).transpose(2, 0, 3, 1, 4).reshape(-1, 6, 6)
     norm2 = np.where(first.norm2 > 0, first.norm2, 1)[:, None, None]
-    constant = first.sums[:, :, None] * second.sums[:, None, :] / design.shape[1]
+    constant = first.sums[:, :, None] * second.sums[:, None, :] / first.count[:, None, None]
     template = first.on_template[:, :, None] * second.on_template[:, None, :] / norm2
     return np.asarray(product - constant - template)
 
@@ -215,7 +279,7 @@ def _compute_gradient_noise() -> float:
 
 
 def _is_well_posed(M: FloatArray) -> BoolArray:
-    """Whether matrices (P, 6, 6) fix all six parameters: their scaled symmetric part is far from singular."""
+    """Whether matrices (P, k, k) fix all k parameters: their scaled symmetric part is far from singular."""
     symmetric = (M + M.swapaxes(1, 2)) / 2
     diagonal = np.einsum("pkk->pk", symmetric)
     scale = np.sqrt(np.where(diagonal > 0, diagonal, 1))
