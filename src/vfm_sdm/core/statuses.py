@@ -10,6 +10,7 @@ __all__ = [
     "CameraMotionStatus",
     "CameraStatus",
     "ClockStatus",
+    "InjectionStatus",
     "Outcome",
     "PointStatus",
     "RecordingStatus",
@@ -121,6 +122,19 @@ class ClockStatus(StrEnum):
     """The best lag may lie outside the search."""
     NOT_CONVERGED = "not converged"
     """No lag near the best of the search is better than its neighbours on both sides."""
+
+
+class InjectionStatus(StrEnum):
+    """Whether the gain and noise of a point were measured by motion injected into its recording."""
+
+    OK = "ok"
+    NOT_COMPRESSED = "the recording is neither H.264 nor HEVC"
+    TOO_SHORT = "the recording is too short"
+    NO_SUBSET = "the tracker compares no subsets"
+    STILL = "the point does not move beyond its noise"
+    LOST = "the point is lost in the recording, or in what was injected"
+    NO_ENCODER = "no encoder of the recording's codec"
+    """The installed PyAV cannot encode what it can decode."""
 
 
 class RefinementStatus(StrEnum):

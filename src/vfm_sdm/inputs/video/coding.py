@@ -55,6 +55,8 @@ class CodedClip:
         H.264; of the whole picture, shape (T, 1, 1), with HEVC; NaN where the stream was not understood.
     crops
         Luma of the parts asked for, each of shape (T, height, width).
+    first
+        Luma of the whole first picture, shape (H, W).
     """
 
     codec: str
@@ -64,6 +66,7 @@ class CodedClip:
     frame_types: IntArray
     quantisers: FloatArray
     crops: list[LumaArray]
+    first: LumaArray
 
     def quantisers_of(self, region: Region) -> FloatArray:
         """Mean quantiser of the blocks that a region touches in each frame, shape (T,).
@@ -105,7 +108,7 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
     types: list[int] = []
     quantisers: list[npt.NDArray[np.float32]] = []
     crops: list[list[LumaArray]] = [[] for _ in regions]
-    encoder = ""
+    encoder, first = "", None
     with open_stream(path) as (container, stream):
         stream.codec_context.options = {"export_side_data": "venc_params"}
         with closing(container.decode(stream)) as pictures:
@@ -117,11 +120,12 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
                     found = np.full((1, 1), by_stamp.get(picture.pts, np.nan), np.float32)
                 quantisers.append(np.rot90(found, turns))
                 luma = np.rot90(luma_plane(picture), turns)
+                first = np.array(luma) if first is None else first
                 for kept, region in zip(crops, regions, strict=True):
                     kept.append(_cut(luma, region))
                 if len(types) == frames:
                     break
-    if not types or len({q.shape for q in quantisers}) > 1:
+    if first is None or len({q.shape for q in quantisers}) > 1:
         return None
     return CodedClip(
         codec=video.info.codec,
@@ -131,6 +135,7 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
         frame_types=np.array(types),
         quantisers=np.array(quantisers, np.float64),
         crops=[cast("LumaArray", np.array(kept)) for kept in crops],
+        first=first,
     )
 
 

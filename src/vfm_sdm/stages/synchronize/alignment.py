@@ -116,7 +116,9 @@ def _move_to_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack
     status = worst_status([tracks["status"].values[before], tracks["status"].values[before + 1]])
     status = np.where(np.isnan(position).any(axis=-1) & (status == Status.OK), Status.LOST, status)
     moved = tracks.isel(time=np.zeros(want.size, dtype=int)).assign_coords(time=("time", want, {"units": "s"}))
-    moved = moved[["position", "position_covariance", "status"]]
+    # What is said of a point as a whole holds at any time.
+    of_points = [name for name, variable in tracks.data_vars.items() if "time" not in variable.dims]
+    moved = moved[["position", "position_covariance", "status", *of_points]]
     moved["position"] = moved["position"].copy(data=position)
     moved["position_covariance"] = moved["position_covariance"].copy(data=covariance)
     moved["status"] = moved["status"].copy(data=status.astype(np.int8))

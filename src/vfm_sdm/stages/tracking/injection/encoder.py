@@ -1,7 +1,7 @@
 """An encoder set as that of a recording: same codec, kinds of frames, quantisers, and habits where the stream says."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import cast
 
@@ -11,15 +11,20 @@ from av.video.frame import PictureType
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.errors import VideoError
-from vfm_sdm.inputs.video.coding import CodedClip, quantisers_of_picture
+from vfm_sdm.inputs.video import Region
+from vfm_sdm.inputs.video.coding import BLOCK_PX, CodedClip
 from vfm_sdm.inputs.video.luma import luma_plane
 
-__all__ = ["ClipEncoder", "Encoded"]
+__all__ = ["ClipEncoder"]
 
+_FACTOR = re.compile(r"\brc=crf\b.*?\bcrf=([\d.]+)")
 _INTRA, _PREDICTED, _BOTH = 1, 2, 3
 _RATE = 30
 _DOUBLING = 6.0
 """Steps of the quantiser that double its width, H.264 8.5.9 and HEVC 8.6.4."""
+_RELATIVE_ACTIVITY = re.compile(r"^x265.*\baq-mode=[2-4]\b")
+_ACTIVITY_POWER, _ACTIVITY_SQUARE = 0.1, 11.0
+"""How x265 makes quantisers of activity: its exponent, and the square of it that changes nothing."""
 _X264 = {
     "ref": "ref", "me": "me", "subme": "subme", "me_range": "merange", "mixed_ref": "mixed-refs", "trellis": "trellis",
     "8x8dct": "8x8dct", "cabac": "cabac", "fast_pskip": "fast-pskip", "decimate": "dct-decimate",
@@ -35,22 +40,6 @@ _X265 = (
     "pbratio", "aq-mode", "aq-strength", "cutree", "qg-size", "strong-intra-smoothing", "rc-lookahead", "temporal-mvp",
     "b-intra", "fast-intra", "tskip", "deblock",
 )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Encoded:
-    """A clip after the encoder and the decoder.
-
-    Parameters
-    ----------
-    luma
-        Pictures, shape (T, H, W).
-    quantisers
-        Mean quantiser of the middle of each picture, shape (T,); NaN where the codec does not tell.
-    """
-
-    luma: LumaArray
-    quantisers: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +66,24 @@ class ClipEncoder:
     quantisers: FloatArray
     shift: float = 0.0
 
+    @classmethod
+    def of(cls, clip: CodedClip, subset: Region, region: Region) -> "ClipEncoder":
+        """The encoder for a part of a recording's picture.
+
+        Parameters
+        ----------
+        clip
+            The recording.
+        subset
+            What is compared, in pixels of the whole picture.
+        region
+            What is encoded, in pixels of the whole picture.
+        """
+        shift = 0.0
+        if _RELATIVE_ACTIVITY.search(clip.encoder) is not None:
+            shift = _activity_shift(clip.first, clip.bit_depth, subset, region)
+        return cls(clip, clip.quantisers_of(subset), shift)
+
     @property
     def by_quality(self) -> bool:
         """Whether the encoder's own rate factor chooses the quantisers."""
@@ -84,20 +91,14 @@ class ClipEncoder:
 
     @property
     def _factor(self) -> float | None:
-        found = re.search(r"\brc=crf\b.*?\bcrf=([\d.]+)", self.clip.encoder)
+        found = _FACTOR.search(self.clip.encoder)
         return None if found is None else float(found[1])
 
-    def shifted(self, step: float) -> "ClipEncoder":
-        """The encoder with other quantisers.
+    @property
+    def _quality(self) -> str:
+        return f"{(self._factor or 0.0) + self.shift:.2f}"
 
-        Parameters
-        ----------
-        step
-            Added to every quantiser.
-        """
-        return replace(self, shift=self.shift + step)
-
-    def run(self, luma: LumaArray) -> Encoded:
+    def run(self, luma: LumaArray) -> LumaArray:
         """Pictures as the recording would show them.
 
         Parameters
@@ -117,7 +118,7 @@ class ClipEncoder:
                 f"{self.clip.codec}: expected an encoder in PyAV, got: {error}; install PyAV with x264 and x265"
             ) from error
 
-    def _run(self, luma: LumaArray) -> Encoded:
+    def _run(self, luma: LumaArray) -> LumaArray:
         height, width = luma.shape[1:]
         avc = self.clip.codec == "h264"
         encoder = cast("av.VideoCodecContext", av.CodecContext.create("libx264" if avc else "libx265", "w"))
@@ -125,8 +126,6 @@ class ClipEncoder:
         encoder.framerate, encoder.time_base = Fraction(_RATE), Fraction(1, _RATE)
         encoder.options = self._x264() if avc else self._x265()
         decoder = cast("av.VideoCodecContext", av.CodecContext.create(self.clip.codec, "r"))
-        if avc:
-            decoder.options = {"export_side_data": "venc_params"}
         packets = []
         grey = np.full((height // 2, width), 1 << (self.clip.bit_depth - 1), luma.dtype)
         for number, picture in enumerate(luma):
@@ -140,11 +139,7 @@ class ClipEncoder:
         frames = [frame for packet in [*packets, None] for frame in decoder.decode(packet)]
         if len(frames) != len(luma):
             raise VideoError(f"{self.clip.codec}: expected {len(luma)} pictures, got {len(frames)}; report this file")
-        middle = [quantisers_of_picture(frame) for frame in frames]
-        return Encoded(
-            cast("LumaArray", np.array([luma_plane(frame) for frame in frames])),
-            np.array([np.nan if q is None else q[1:-1, 1:-1].mean() for q in middle]),
-        )
+        return cast("LumaArray", np.array([luma_plane(frame) for frame in frames]))
 
     @property
     def _pixel_format(self) -> str:
@@ -152,36 +147,17 @@ class ClipEncoder:
 
     def _x264(self) -> dict[str, str]:
         params = {"threads": "1", "scenecut": "0", "keyint": "infinite"}
-        if self.clip.encoder.startswith("x264") and self._factor is not None:
-            said = dict(re.findall(r"\b(\w+)=([-\w.:,]+)", self.clip.encoder))
-            params |= {name: said[key].replace(":", ",") for key, name in _X264.items() if key in said}
-            for name, key, parts in (
-                ("psy-rd", "psy_rd", slice(0, 2)), ("deblock", "deblock", slice(1, 3)), ("aq", "aq", slice(0, 2)),
-            ):  # fmt: skip
-                values = re.split("[:,]", said.get(key, ""))[parts]
-                if name == "aq":
-                    params |= dict(zip(("aq-mode", "aq-strength"), values, strict=False)) if values[0] else {}
-                elif len(values) == 2:
-                    params[name] = ",".join(values)
-            if "deadzone" in said:
-                params |= dict(zip(("deadzone-inter", "deadzone-intra"), said["deadzone"].split(","), strict=False))
-            return {"crf": f"{self._factor + self.shift:.2f}", "x264-params": _joined(params)}
+        if self.by_quality:
+            return {"crf": self._quality, "x264-params": _joined(params | _settings_of_x264(self.clip.encoder))}
         levels = self._levels()
-        params |= {"ipratio": f"{levels.ip_ratio:.3f}", "pbratio": f"{levels.pb_ratio:.3f}", "bframes": str(levels.run)}
-        return {"qp": str(levels.predicted), "x264-params": _joined(params)}
+        return {"qp": str(levels.predicted), "x264-params": _joined(params | levels.ratios())}
 
     def _x265(self) -> dict[str, str]:
         params = {"log-level": "none", "pools": "1", "frame-threads": "1", "scenecut": "0", "keyint": "-1"}
-        if self.clip.encoder.startswith("x265") and self._factor is not None:
-            words = self.clip.encoder.partition("options:")[2].split()
-            said = {w.partition("=")[0]: w.partition("=")[2] or "1" for w in words}
-            said |= {w[3:]: "0" for w in words if w.startswith("no-") and "=" not in w}
-            params |= {name: said[name].replace(":", ",") for name in _X265 if name in said}
-            return {"crf": f"{self._factor + self.shift:.2f}", "x265-params": _joined(params)}
+        if self.by_quality:
+            return {"crf": self._quality, "x265-params": _joined(params | _settings_of_x265(self.clip.encoder))}
         levels = self._levels()
-        params |= {"ipratio": f"{levels.ip_ratio:.3f}", "pbratio": f"{levels.pb_ratio:.3f}", "bframes": str(levels.run)}
-        params["qp"] = str(levels.predicted)
-        return {"x265-params": _joined(params)}
+        return {"x265-params": _joined(params | levels.ratios() | {"qp": str(levels.predicted)})}
 
     def _levels(self) -> "_Levels":
         """Constant quantisers of each kind of frame."""
@@ -202,10 +178,36 @@ class ClipEncoder:
 
 @dataclass(frozen=True)
 class _Levels:
+    """Quantiser of predicted frames, those of the other kinds as ratios of widths, and the most B frames in a row."""
+
     predicted: int
     ip_ratio: float
     pb_ratio: float
     run: int
+
+    def ratios(self) -> dict[str, str]:
+        return {"ipratio": f"{self.ip_ratio:.3f}", "pbratio": f"{self.pb_ratio:.3f}", "bframes": str(self.run)}
+
+
+def _settings_of_x264(text: str) -> dict[str, str]:
+    """Options of x264, from what it wrote into a stream."""
+    said = dict(re.findall(r"\b(\w+)=([-\w.:,]+)", text))
+    params = {name: said[key] for key, name in _X264.items() if key in said}
+    # Several numbers in one word, of which some are options of their own.
+    for key, names in (("aq", ("aq-mode", "aq-strength")), ("deadzone", ("deadzone-inter", "deadzone-intra"))):
+        params |= dict(zip(names, re.split("[:,]", said[key]), strict=False)) if key in said else {}
+    for key, name, first in (("psy_rd", "psy-rd", 0), ("deblock", "deblock", 1)):
+        numbers = re.split("[:,]", said.get(key, ""))[first:]
+        params |= {name: ",".join(numbers)} if len(numbers) == 2 else {}
+    return params
+
+
+def _settings_of_x265(text: str) -> dict[str, str]:
+    """Options of x265, from what it wrote into a stream."""
+    words = text.partition("options:")[2].split()
+    said = {word.partition("=")[0]: word.partition("=")[2] or "1" for word in words}
+    said |= {word[3:]: "0" for word in words if word.startswith("no-") and "=" not in word}
+    return {name: said[name].replace(":", ",") for name in _X265 if name in said}
 
 
 def _longest_run(values: BoolArray) -> int:
@@ -214,6 +216,30 @@ def _longest_run(values: BoolArray) -> int:
         run = run + 1 if value else 0
         longest = max(longest, run)
     return longest
+
+
+def _activity_shift(first: LumaArray, bit_depth: int, subset: Region, region: Region) -> float:
+    """Quantiser that x265 would give a part in the whole picture, less the one in a region of it by itself.
+
+    Its adaptation to activity (aq-mode 2) compares each block with the mean of the picture.
+    """
+    columns, rows = first.shape[1] // BLOCK_PX, first.shape[0] // BLOCK_PX
+    blocks = first[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float64) / (1 << (bit_depth - 8))
+    variance = blocks.reshape(rows, BLOCK_PX, columns, BLOCK_PX).var(axis=(1, 3))
+    activity = (variance * BLOCK_PX**2 + 1) ** _ACTIVITY_POWER
+
+    def part(of: Region) -> FloatArray:
+        first_row, first_column = max(of.y // BLOCK_PX, 0), max(of.x // BLOCK_PX, 0)
+        last_row, last_column = -(-(of.y + of.height) // BLOCK_PX), -(-(of.x + of.width) // BLOCK_PX)
+        return activity[first_row:last_row, first_column:last_column]
+
+    def offset(picture: FloatArray) -> float:
+        mean, square = picture.mean(), (picture**2).mean()
+        return float(mean * (part(subset).mean() - mean + 0.5 * (square - _ACTIVITY_SQUARE) / mean))
+
+    if not (part(subset).size and part(region).size):
+        return 0.0
+    return offset(activity) - offset(part(region))
 
 
 def _joined(params: dict[str, str]) -> str:

@@ -1,15 +1,20 @@
 """Gain and noise of a series against the motion that it should show."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
 
-__all__ = ["Gain", "compute_gain", "smooth_motion"]
+__all__ = ["Gain", "combine_gains", "compute_gain", "smooth_motion"]
 
 _FEWEST = 20
+_LOSS_SHARE, _LOSS_SHARE_UNKNOWN = 0.3, 0.6
+"""Standard deviation of an injected loss over the loss, by `benchmarks/injection.py`."""
 _LAGS = 30
+_LARGEST_STD = 0.1
+"""Scatter of a gain above which it is not determined [1]."""
 _CLEAR = 3.0
 """Times the noise's power above which a frequency counts as motion."""
 _HIGH = 0.8
@@ -73,6 +78,42 @@ def compute_gain(found: FloatArray, true: FloatArray) -> Gain:
     # Never less than of errors that are independent in time.
     variance = max(variance, float(left @ left) / len(left) * energy)
     return Gain(slope, float(np.sqrt(variance)) / energy, float(left.std()))
+
+
+def combine_gains(passes: Sequence[Gain], *, known_encoder: bool) -> Gain:
+    """One gain of several passes.
+
+    Parameters
+    ----------
+    passes
+        Gains that were found, one after the other.
+    known_encoder
+        Whether the recording says how its encoder was set.
+
+    Notes
+    -----
+    NaN where the passes scatter by more than a tenth: the motion is too small for its noise. To the scatter within and between the passes comes a share of the loss itself, for what differs between the encoder
+    and its imitation, and between the surface and its estimate.
+
+    Examples
+    --------
+    >>> combined = combine_gains([Gain(0.96, 0.004, 0.02), Gain(0.94, 0.004, 0.02)], known_encoder=True)
+    >>> round(combined.gain, 3), 0.01 < combined.std < 0.03
+    (0.95, True)
+    """
+    found = [one for one in passes if np.isfinite([one.gain, one.std]).all() and one.std > 0]
+    if not found:
+        return Gain(float("nan"), float("nan"), float("nan"))
+    gains, stds = np.array([one.gain for one in found]), np.array([one.std for one in found])
+    weights = stds**-2 / np.sum(stds**-2)
+    gain = float(weights @ gains)
+    between = float(weights @ (gains - gain) ** 2) / max(len(found) - 1, 1)
+    scatter = float(np.sum(stds**-2)) ** -1 + between
+    if scatter > _LARGEST_STD**2:
+        return Gain(float("nan"), float("nan"), float("nan"))
+    share = _LOSS_SHARE if known_encoder else _LOSS_SHARE_UNKNOWN
+    variance = scatter + (share * (1 - gain)) ** 2
+    return Gain(gain, float(np.sqrt(variance)), float(np.sqrt(weights @ np.array([one.noise for one in found]) ** 2)))
 
 
 def smooth_motion(position: FloatArray) -> FloatArray:

@@ -16,6 +16,8 @@ _EDGES = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.75])
 _BOOST = (0.5, 4.0)
 """Bounds of the factor by which a band's contrast may differ from that of the recording's mean picture."""
 _NOISE = (0.1, 20.0)
+_STEP = 0.8
+"""Part of a correction of contrast that is made: encoders take more from the weak, and a full one overshoots."""
 _TAPER_PX = 8
 _EVERY = 4
 """Frames of which one is looked at to tell what moves from what stands still."""
@@ -41,7 +43,7 @@ class Looks:
     noise: float
 
 
-def measure_looks(clip: LumaArray, center: tuple[float, float], shifts: FloatArray, intra: BoolArray, side: int) -> Looks:
+def measure_looks(clip: LumaArray, center: FloatArray, shifts: FloatArray, intra: BoolArray, side: int) -> Looks:
     """Looks of the square around a point that moves in a clip.
 
     Parameters
@@ -49,7 +51,7 @@ def measure_looks(clip: LumaArray, center: tuple[float, float], shifts: FloatArr
     clip
         Pictures, shape (T, H, W).
     center
-        Place of the point in the first of them (u, v) [px].
+        Place of the point in the first of them, shape (2,) [px].
     shifts
         Motion of the point since then, shape (T, 2) [px]; frames where it is NaN are left out.
     intra
@@ -59,7 +61,7 @@ def measure_looks(clip: LumaArray, center: tuple[float, float], shifts: FloatArr
     """
     known = np.isfinite(shifts).all(axis=1)
     half = side // 2
-    u, v = (round(x) for x in center)
+    u, v = (round(float(x)) for x in center)
     window = np.outer(np.hanning(2 * half + 2)[1:-1], np.hanning(2 * half + 2)[1:-1]).astype(np.float32)
     part = clip[known, v - half : v + half, u - half : u + half].astype(np.float32)
     spectra = scipy.fft.rfft2((part - part.mean(axis=(1, 2), keepdims=True)) * window)
@@ -182,7 +184,7 @@ class Source:
         """
         step = wanted.contrast / np.maximum(got.contrast, 1e-6)
         noise = self.noise * (wanted.noise / max(got.noise, 1e-3))
-        return replace(self, factors=np.clip(self.factors * step, *_BOOST), noise=float(np.clip(noise, *_NOISE)))
+        return replace(self, factors=np.clip(self.factors * step**_STEP, *_BOOST), noise=float(np.clip(noise, *_NOISE)))
 
     def _gain(self) -> FloatArray:
         fv, fu = np.fft.fftfreq(self.shape[0])[:, None], np.fft.rfftfreq(self.shape[1])[None]
