@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from contextlib import closing
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -22,7 +22,7 @@ from vfm_sdm.inputs.video.luma import luma_plane
 from vfm_sdm.inputs.video.reader import Video
 from vfm_sdm.inputs.video.region import Region
 
-__all__ = ["BLOCK_PX", "CodedClip", "quantisers_of_picture", "read_coded_clip"]
+__all__ = ["BLOCK_PX", "CodedClip", "read_coded_clip"]
 
 BLOCK_PX = 16
 """Side of the blocks of H.264, each with its own quantiser [px]."""
@@ -52,7 +52,8 @@ class CodedClip:
         shape (T,).
     quantisers
         Quantisation parameters on the codec's scale: of every block of `BLOCK_PX`, shape (T, rows, columns), with
-        H.264; of the whole picture, shape (T, 1, 1), with HEVC; NaN where the stream was not understood.
+        H.264; of the whole picture, shape (T, 1, 1), with HEVC whose encoder does not say how it was
+        set; NaN where they were not found.
     crops
         Luma of the parts asked for, each of shape (T, height, width).
     first
@@ -77,7 +78,9 @@ class CodedClip:
             Part of the picture as it is shown [px].
         """
         rows, columns = self.quantisers.shape[1:]
-        first_row, first_column = (min(max(x // BLOCK_PX, 0), n - 1) for x, n in ((region.y, rows), (region.x, columns)))
+        first_row, first_column = (
+            min(max(x // BLOCK_PX, 0), n - 1) for x, n in ((region.y, rows), (region.x, columns))
+        )
         last_row = max(-(-(region.y + region.height) // BLOCK_PX), first_row + 1)
         last_column = max(-(-(region.x + region.width) // BLOCK_PX), first_column + 1)
         return np.asarray(self.quantisers[:, first_row:last_row, first_column:last_column].mean(axis=(1, 2)))
@@ -104,36 +107,39 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
         return None
     path = Path(video.info.source)
     turns = -video.info.rotation_deg // 90
-    by_stamp = _read_slice_quantisers(path, frames) if video.info.codec == "hevc" else {}
     types: list[int] = []
-    quantisers: list[npt.NDArray[np.float32]] = []
+    stamps: list[int | None] = []
+    quantisers: list[npt.NDArray[np.float32] | None] = []
     crops: list[list[LumaArray]] = [[] for _ in regions]
     encoder, first = "", None
-    with open_stream(path) as (container, stream):
+    with suppress(av.FFmpegError), open_stream(path) as (container, stream):
         stream.codec_context.options = {"export_side_data": "venc_params"}
-        with closing(container.decode(stream)) as pictures:
-            for picture in pictures:
-                types.append(int(picture.pict_type))
-                encoder = encoder or _read_encoder(picture)
-                found = quantisers_of_picture(picture)
-                if found is None:
-                    found = np.full((1, 1), by_stamp.get(picture.pts, np.nan), np.float32)
-                quantisers.append(np.rot90(found, turns))
-                luma = np.rot90(luma_plane(picture), turns)
-                first = np.array(luma) if first is None else first
-                for kept, region in zip(crops, regions, strict=True):
-                    kept.append(_cut(luma, region))
-                if len(types) == frames:
-                    break
-    if first is None or len({q.shape for q in quantisers}) > 1:
+        for picture in container.decode(stream):
+            types.append(int(picture.pict_type))
+            stamps.append(picture.pts)
+            encoder = encoder or _read_encoder(picture)
+            quantisers.append(_read_quantisers(picture))
+            luma = np.rot90(luma_plane(picture), turns)
+            first = luma.copy() if first is None else first
+            for kept, region in zip(crops, regions, strict=True):
+                kept.append(_cut(luma, region))
+            if len(types) == frames:
+                break
+    if first is None:
         return None
+    if not encoder and any(found is None for found in quantisers):
+        by_stamp = _read_slice_quantisers(path, frames)
+        quantisers = [np.full((1, 1), by_stamp.get(stamp, np.nan), np.float32) for stamp in stamps]
+    known = [found for found in quantisers if found is not None]
+    if len(known) < len(types) or len({found.shape for found in known}) > 1:
+        known = [np.full((1, 1), np.nan, np.float32) for _ in types]
     return CodedClip(
         codec=video.info.codec,
         pixel_format=video.info.pixel_format,
         bit_depth=video.info.bit_depth,
         encoder=encoder,
         frame_types=np.array(types),
-        quantisers=np.array(quantisers, np.float64),
+        quantisers=np.array([np.rot90(found, turns) for found in known], np.float64),
         crops=[cast("LumaArray", np.array(kept)) for kept in crops],
         first=first,
     )
@@ -154,7 +160,7 @@ def _side_data(picture: av.VideoFrame) -> Iterable[SideData]:
     return cast("Iterable[SideData]", picture.side_data)
 
 
-def quantisers_of_picture(picture: av.VideoFrame) -> npt.NDArray[np.float32] | None:
+def _read_quantisers(picture: av.VideoFrame) -> npt.NDArray[np.float32] | None:
     """Quantisers of the blocks of a picture, shape (rows, columns); ``None`` where the decoder exports none."""
     for data in _side_data(picture):
         if data.type.name == "VIDEO_ENC_PARAMS":

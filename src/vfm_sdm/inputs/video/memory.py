@@ -1,6 +1,7 @@
 """Pictures in memory as a recording."""
 
 from collections.abc import Generator, Iterable
+from functools import partial
 
 import numpy as np
 
@@ -23,7 +24,7 @@ class _MemorySource:
     def stream(self) -> Generator[Frame]:
         """A fresh pass over the frames, in order, numbered from 0."""
         for index, picture in enumerate(self._luma):
-            yield Frame(index, index / self.info.fps, picture, lambda region, p=picture: self._convert(p, region))
+            yield Frame(index, index / self.info.fps, picture, partial(self._convert, picture))
 
     def _convert(self, picture: LumaArray, region: Region) -> RgbArray:
         part = region.crop(picture) >> max(self._bit_depth - 8, 0)

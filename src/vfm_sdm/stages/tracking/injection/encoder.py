@@ -121,7 +121,7 @@ class ClipEncoder:
     def _run(self, luma: LumaArray) -> LumaArray:
         height, width = luma.shape[1:]
         avc = self.clip.codec == "h264"
-        encoder = cast("av.VideoCodecContext", av.CodecContext.create("libx264" if avc else "libx265", "w"))
+        encoder = av.CodecContext.create("libx264" if avc else "libx265", "w")
         encoder.width, encoder.height, encoder.pix_fmt = width, height, self._pixel_format
         encoder.framerate, encoder.time_base = Fraction(_RATE), Fraction(1, _RATE)
         encoder.options = self._x264() if avc else self._x265()
@@ -231,7 +231,7 @@ def _activity_shift(first: LumaArray, bit_depth: int, subset: Region, region: Re
     def part(of: Region) -> FloatArray:
         first_row, first_column = max(of.y // BLOCK_PX, 0), max(of.x // BLOCK_PX, 0)
         last_row, last_column = -(-(of.y + of.height) // BLOCK_PX), -(-(of.x + of.width) // BLOCK_PX)
-        return activity[first_row:last_row, first_column:last_column]
+        return np.asarray(activity[first_row:last_row, first_column:last_column])
 
     def offset(picture: FloatArray) -> float:
         mean, square = picture.mean(), (picture**2).mean()

@@ -10,8 +10,6 @@ from vfm_sdm.core.arrays import FloatArray
 __all__ = ["Gain", "combine_gains", "compute_gain", "smooth_motion"]
 
 _FEWEST = 20
-_LOSS_SHARE, _LOSS_SHARE_UNKNOWN = 0.3, 0.6
-"""Standard deviation of an injected loss over the loss, by `benchmarks/injection.py`."""
 _LAGS = 30
 _LARGEST_STD = 0.1
 """Scatter of a gain above which it is not determined [1]."""
@@ -80,24 +78,25 @@ def compute_gain(found: FloatArray, true: FloatArray) -> Gain:
     return Gain(slope, float(np.sqrt(variance)) / energy, float(left.std()))
 
 
-def combine_gains(passes: Sequence[Gain], *, known_encoder: bool) -> Gain:
+def combine_gains(passes: Sequence[Gain], *, loss_share: float) -> Gain:
     """One gain of several passes.
 
     Parameters
     ----------
     passes
         Gains that were found, one after the other.
-    known_encoder
-        Whether the recording says how its encoder was set.
+    loss_share
+        Standard deviation of an injected loss over the loss.
 
     Notes
     -----
-    NaN where the passes scatter by more than a tenth: the motion is too small for its noise. To the scatter within and between the passes comes a share of the loss itself, for what differs between the encoder
+    NaN where the passes scatter by more than a tenth: the motion is too small for its noise. To the scatter within and
+    between the passes comes a share of the loss itself, for what differs between the encoder
     and its imitation, and between the surface and its estimate.
 
     Examples
     --------
-    >>> combined = combine_gains([Gain(0.96, 0.004, 0.02), Gain(0.94, 0.004, 0.02)], known_encoder=True)
+    >>> combined = combine_gains([Gain(0.96, 0.004, 0.02), Gain(0.94, 0.004, 0.02)], loss_share=0.3)
     >>> round(combined.gain, 3), 0.01 < combined.std < 0.03
     (0.95, True)
     """
@@ -111,8 +110,7 @@ def combine_gains(passes: Sequence[Gain], *, known_encoder: bool) -> Gain:
     scatter = float(np.sum(stds**-2)) ** -1 + between
     if scatter > _LARGEST_STD**2:
         return Gain(float("nan"), float("nan"), float("nan"))
-    share = _LOSS_SHARE if known_encoder else _LOSS_SHARE_UNKNOWN
-    variance = scatter + (share * (1 - gain)) ** 2
+    variance = scatter + (loss_share * (1 - gain)) ** 2
     return Gain(gain, float(np.sqrt(variance)), float(np.sqrt(weights @ np.array([one.noise for one in found]) ** 2)))
 
 
@@ -152,4 +150,4 @@ def smooth_motion(position: FloatArray) -> FloatArray:
         around = np.convolve(power, np.ones(5) / 5, mode="same")
         share = np.clip(1 - _CLEAR * noise / np.maximum(around, 1e-30), 0, 1)
         smooth[:, axis] = np.fft.irfft(spectrum * share, 2 * count)[:count] + line
-    return smooth - smooth[0]
+    return np.asarray(smooth - smooth[0])

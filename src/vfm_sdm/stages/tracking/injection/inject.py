@@ -35,7 +35,12 @@ _GRID_PX = {"h264": 16, "hevc": 64}
 """Largest blocks of the codecs [px]."""
 _MOST_PX = 12.0
 """Largest motion that is injected; larger ones are put in with this amplitude [px]."""
-_CLEAR = 1.0
+_LOSS_SHARE, _LOSS_SHARE_UNKNOWN, _LOSS_SHARE_MIXED = 0.3, 0.6, 1.0
+"""Standard deviation of an injected loss over the loss: of recordings that say how their encoder was set
+(`benchmarks/injection.py`), of others, and where a subset covers what stands still, which says little of the codec."""
+_MIXED = 0.02
+"""Share of a subset that may stand still [1]."""
+_CLEAR = 2.0
 """Times its noise by which a point must move: gains of less are not determined."""
 
 
@@ -88,13 +93,13 @@ def inject(
     if clip is None or len(clip.frame_types) < len(shifts):
         return _describe(tracks, {}, [s if s != InjectionStatus.OK else InjectionStatus.TOO_SHORT for s in states])
 
-    def measure(number: int) -> list[tuple[Gain, Gain]]:
+    def measure(number: int) -> tuple[Gain, Gain] | None:
         name = names[chosen[number]]
         design = None if designs is None else designs.get(name)
         across = None if design is None else design.across
         return _Injection(clip, clip.crops[number], places[number], registration, design, across).run()
 
-    found = {}
+    found: dict[int, tuple[Gain, Gain] | None] = {}
     with ThreadPoolExecutor(os.cpu_count() or 1) as executor:
         results = [executor.submit(measure, number) for number in range(len(chosen))]
         for k, result in zip(chosen, results, strict=True):
@@ -103,9 +108,9 @@ def inject(
             except VideoError:
                 states[k] = InjectionStatus.NO_ENCODER
                 continue
-            if not found[k]:
+            if found[k] is None:
                 states[k] = InjectionStatus.LOST
-    return _describe(tracks, {k: gains for k, gains in found.items() if gains}, states, known=bool(clip.encoder))
+    return _describe(tracks, {k: gains for k, gains in found.items() if gains is not None}, states)
 
 
 def _find_side(tracker: Any, name: str, designs: Mapping[str, SubsetDesign | None] | None) -> int:
@@ -118,7 +123,7 @@ def _find_side(tracker: Any, name: str, designs: Mapping[str, SubsetDesign | Non
 
 def _judge(position: FloatArray, side: int) -> InjectionStatus:
     """Whether a point can be injected, from its positions (T, 2) [px]."""
-    known = np.isfinite(position).all(axis=1)
+    known = np.asarray(np.isfinite(position).all(axis=1))
     if side == 0:
         return InjectionStatus.NO_SUBSET
     if len(position) < _FEWEST:
@@ -209,8 +214,8 @@ class _Injection:
     design: SubsetDesign | None
     across: FloatArray | None
 
-    def run(self) -> list[tuple[Gain, Gain]]:
-        """Gain along both directions, of every pass but the first; empty where the point is lost."""
+    def run(self) -> tuple[Gain, Gain] | None:
+        """Gains along both directions, of all passes but the first; ``None`` where the point is lost."""
         place, intra = self.place, self.clip.frame_types == 1
         wanted = measure_looks(self.crop, place.center, place.shifts, intra, place.side)
         source = Source.estimate(self.crop, place.shifts, noise=wanted.noise, margin_px=place.margin_px)
@@ -220,11 +225,17 @@ class _Injection:
             pictures = source.render(place.motion, self.clip.bit_depth, np.random.default_rng([number, place.side]))
             gains, got = self._measure(encoder.run(pictures))
             if got is None:
-                return []
+                return None
             if number > 0:
                 found.append(gains)
             source = source.corrected(wanted, got)
-        return found
+        believed = None if self.design is None else self.design.mask
+        believed = np.ones((place.side, place.side), np.bool_) if believed is None else believed
+        share = _LOSS_SHARE if encoder.by_quality else _LOSS_SHARE_UNKNOWN
+        if source.share_still(place.center, believed) > _MIXED:
+            share = _LOSS_SHARE_MIXED
+        first, second = (combine_gains(one, loss_share=share) for one in zip(*found, strict=True))
+        return first, second
 
     def _measure(self, luma: LumaArray) -> tuple[tuple[Gain, Gain], Looks | None]:
         """Gains along both directions in a clip, and its looks; ``None`` where the point is lost in it."""
@@ -259,20 +270,19 @@ def find_directions(across: FloatArray | None) -> FloatArray:
 
 def _describe(
     tracks: xr.Dataset,
-    found: Mapping[int, list[tuple[Gain, Gain]]],
+    found: Mapping[int, tuple[Gain, Gain]],
     states: list[InjectionStatus],
-    *,
-    known: bool = True,
 ) -> xr.Dataset:
     """What was found, as variables of the points."""
     count = tracks.sizes["point"]
     gains, stds, noises = (np.full((count, 2), np.nan) for _ in range(3))
     across = tracks["edge_across"].values if "edge_across" in tracks else np.full((count, 2), np.nan)
     edges = [vector if np.isfinite(vector).all() else None for vector in across]
-    for point, passes in found.items():
-        for direction in range(1 if edges[point] is not None else 2):
-            one = combine_gains([gains_of[direction] for gains_of in passes], known_encoder=known)
+    for point, both in found.items():
+        for direction, one in enumerate(both if edges[point] is None else both[:1]):
             gains[point, direction], stds[point, direction], noises[point, direction] = one.gain, one.std, one.noise
+        if not np.isfinite(gains[point]).any():
+            states[point] = InjectionStatus.STILL
     dims = ("point", "direction")
     return xr.Dataset(
         {

@@ -1,13 +1,17 @@
 """What was before the camera's encoder: a clean picture and its noise, from a compressed recording of it."""
 
 from dataclasses import dataclass, replace
-from typing import cast
+from itertools import pairwise
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 import scipy.fft
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
+
+_Spectrum = npt.NDArray[np.complex64]
 
 __all__ = ["Looks", "Source", "measure_looks"]
 
@@ -23,8 +27,8 @@ _EVERY = 4
 """Frames of which one is looked at to tell what moves from what stands still."""
 _VOTE_PX = 9
 _SOFT_PX = 1.5
-_DOUBT = 0.1
-"""Share of the variance by which a place must look more still than moving to count as still."""
+_HALF = 0.5
+"""Share of the variance that motion would make there, from which on a place counts as still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +76,7 @@ def measure_looks(clip: LumaArray, center: FloatArray, shifts: FloatArray, intra
     mean = spectra.mean(axis=0)
     radius = np.hypot(fu, fv)
     power = np.abs(mean) ** 2
-    contrast = [
-        np.sqrt(power[(radius >= low) & (radius < high)].mean()) for low, high in zip(_EDGES, _EDGES[1:], strict=False)
-    ]
+    contrast = [np.sqrt(power[(radius >= low) & (radius < high)].mean()) for low, high in pairwise(_EDGES)]
     chosen = intra[known] if intra[known].any() else np.ones(int(known.sum()), np.bool_)
     apart = np.abs(spectra[chosen] - mean) ** 2
     # Columns of a real transform but the first and the last stand for two.
@@ -108,8 +110,8 @@ class Source:
         Pixels around what is drawn.
     """
 
-    spectrum: FloatArray
-    mask: FloatArray
+    spectrum: _Spectrum
+    mask: _Spectrum
     still: FloatArray
     shape: tuple[int, int]
     level: float
@@ -144,9 +146,9 @@ class Source:
             total += moved
             if number % _EVERY == 0:
                 seen.add(centred)
-                seen_moving.add(scipy.fft.irfft2(moved, s=shape))
-        moves = seen_moving.variance() - seen.variance() < _DOUBT * np.median(seen_moving.variance())
-        mask = scipy.fft.rfft2(gaussian_filter(moves.astype(np.float32), _SOFT_PX)).astype(np.complex64)
+                seen_moving.add(np.asarray(scipy.fft.irfft2(moved, s=shape)))
+        stays = _find_still(seen, seen_moving, shifts[known])
+        mask = scipy.fft.rfft2(gaussian_filter((~stays).astype(np.float32), _SOFT_PX)).astype(np.complex64)
         one = np.ones(len(_EDGES) - 1)
         return cls(total / known.sum(), mask, seen.mean(), shape, level, one, noise, margin_px)
 
@@ -186,10 +188,25 @@ class Source:
         noise = self.noise * (wanted.noise / max(got.noise, 1e-3))
         return replace(self, factors=np.clip(self.factors * step**_STEP, *_BOOST), noise=float(np.clip(noise, *_NOISE)))
 
+    def share_still(self, center: FloatArray, believed: BoolArray) -> float:
+        """Share of the believed pixels of a subset that stand still beside what moves [1].
+
+        Parameters
+        ----------
+        center
+            Place of the subset's centre, with the margin, shape (2,) [px].
+        believed
+            Which of its pixels are compared, shape (S, S).
+        """
+        half = len(believed) // 2
+        u, v = (round(float(x)) for x in center)
+        share = scipy.fft.irfft2(self.mask, s=self.shape)[v - half : v + half + 1, u - half : u + half + 1]
+        return float(1 - share[believed].mean())
+
     def _gain(self) -> FloatArray:
         fv, fu = np.fft.fftfreq(self.shape[0])[:, None], np.fft.rfftfreq(self.shape[1])[None]
         centers = (_EDGES[:-1] + _EDGES[1:]) / 2
-        return np.interp(np.hypot(fu, fv), centers, self.factors).astype(np.float32)
+        return np.asarray(np.interp(np.hypot(fu, fv), centers, self.factors).astype(np.float32))
 
 
 class _Scatter:
@@ -197,9 +214,10 @@ class _Scatter:
 
     def __init__(self) -> None:
         self._count = 0
-        self._sum = self._squares = np.float32(0)
+        self._sum: Any = 0.0
+        self._squares: Any = 0.0
 
-    def add(self, picture: FloatArray) -> None:
+    def add(self, picture: npt.NDArray[np.floating[Any]]) -> None:
         self._count += 1
         self._sum = self._sum + picture
         self._squares = self._squares + picture**2
@@ -212,13 +230,30 @@ class _Scatter:
         return np.asarray(uniform_filter(variance, _VOTE_PX, mode="nearest"))
 
 
+def _find_still(seen: _Scatter, seen_moving: _Scatter, shifts: FloatArray) -> BoolArray:
+    """Places that stand still beside what moves, shape (H, W).
+
+    A textured place that moves changes by its gradient times the motion, and does not when the pictures are moved back;
+    one that stands still does the opposite. Where that is less than the noise, nothing is lost by moving it as well.
+    """
+    covariance = np.cov(shifts.T)
+    motion = np.zeros_like(seen.mean())
+    for mean in (seen.mean(), seen_moving.mean()):
+        dv, du = np.gradient(mean)
+        change = covariance[0, 0] * du**2 + 2 * covariance[0, 1] * du * dv + covariance[1, 1] * dv**2
+        motion = np.maximum(motion, uniform_filter(change, _VOTE_PX, mode="nearest"))
+    apart = seen_moving.variance() - seen.variance()
+    noise = np.median(np.minimum(seen_moving.variance(), seen.variance()))
+    return np.asarray((apart > _HALF * motion) & (motion > noise))
+
+
 def _taper(count: int) -> FloatArray:
     """Window that falls to zero at both ends, where a picture does not continue, shape (count,)."""
     rise = np.sin(np.pi / 2 * (np.arange(_TAPER_PX) + 0.5) / _TAPER_PX) ** 2
-    return np.concatenate([rise, np.ones(count - 2 * _TAPER_PX), rise[::-1]]).astype(np.float32)
+    return np.asarray(np.concatenate([rise, np.ones(count - 2 * _TAPER_PX), rise[::-1]]).astype(np.float32))
 
 
-def _phase(shape: tuple[int, int], shift: FloatArray) -> FloatArray:
+def _phase(shape: tuple[int, int], shift: FloatArray) -> _Spectrum:
     """Factors of a real transform that move a picture by (u, v) [px], shape (H, W // 2 + 1)."""
     along_v = np.exp(-2j * np.pi * np.fft.fftfreq(shape[0]) * shift[1]).astype(np.complex64)
     along_u = np.exp(-2j * np.pi * np.fft.rfftfreq(shape[1]) * shift[0]).astype(np.complex64)
