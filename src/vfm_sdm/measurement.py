@@ -6,6 +6,7 @@ cameras and tracks whose inputs have not changed are read from it.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from vfm_sdm.stages.synchronize import synchronize_tracks
 from vfm_sdm.stages.tracking.base import DesignedTracker
 from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
+from vfm_sdm.stages.tracking.track_noise import include_static_noise
 from vfm_sdm.stages.tracking.views import track_views
 
 __all__ = ["Measurement", "measure"]
@@ -222,9 +224,14 @@ class Measurement(Chain[Session]):
 
     @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "injected"))
     def steady(self, session: Session) -> CameraMotion:
-        """Tracks without the motion of the cameras that static points show, and that motion."""
-        static = [p.name for p in session.point if p.static and session.method.camera_motion == "remove"]
-        return steady_tracks(self.injected, self.cameras.rig, static)
+        """Tracks without the motion of the cameras that static points show, and that motion.
+
+        What static points show beyond that is noise of every point.
+        """
+        static = [p.name for p in session.point if p.static]
+        removed = static if session.method.camera_motion == "remove" else []
+        motion = steady_tracks(self.injected, self.cameras.rig, removed)
+        return replace(motion, tracks=include_static_noise(motion.tracks, static))
 
     @product(
         reads=(

@@ -38,8 +38,8 @@ _MOST_PX = 12.0
 _LOSS_SHARE, _LOSS_SHARE_UNKNOWN, _LOSS_SHARE_MIXED = 0.3, 0.6, 1.0
 """Standard deviation of an injected loss over the loss: of recordings that say how their encoder was set
 (`benchmarks/injection.py`), of others, and where a subset covers what stands still, which says little of the codec."""
-_MIXED = 0.02
-"""Share of a subset that may stand still [1]."""
+_MIXED, _MIXED_AROUND = 0.02, 0.1
+"""Share of a subset's believed pixels, and of its square, that may stand still [1]."""
 _CLEAR = 2.0
 """Times its noise by which a point must move: gains of less are not determined."""
 
@@ -232,7 +232,8 @@ class _Injection:
         believed = None if self.design is None else self.design.mask
         believed = np.ones((place.side, place.side), np.bool_) if believed is None else believed
         share = _LOSS_SHARE if encoder.by_quality else _LOSS_SHARE_UNKNOWN
-        if source.share_still(place.center, believed) > _MIXED:
+        mixed = source.share_still(place.center, believed) > _MIXED
+        if mixed or source.share_still(place.center, np.ones_like(believed)) > _MIXED_AROUND:
             share = _LOSS_SHARE_MIXED
         first, second = (combine_gains(one, loss_share=share) for one in zip(*found, strict=True))
         return first, second
