@@ -48,6 +48,7 @@ READERS = {
     "method.sgr": ("refinement", "displacement", "audit"),
     "method.synchronization": ("aligned", "audit"),
     "method.camera_motion": ("steady", "audit"),
+    "method.injection": ("injection", "audit"),
     "method.still_interval_s": ("refinement", "unrefined", "displacement", "audit"),
     "method.subset_px": ("cameras", "tracks", "audit"),
     "method.network": ("audit",),
