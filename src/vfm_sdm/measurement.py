@@ -5,7 +5,7 @@ said of them. Any product can be asked for alone; what it needs is made before i
 cameras and tracks whose inputs have not changed are read from it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import code_modules, make, settings_read
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.inputs.session import FirstFrames, Session, input_files, open_views, session_hash, write_session
@@ -238,11 +239,12 @@ class Measurement(Chain[Session]):
             *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start"),
             *("point.name", "point.static", "method.synchronization"),
         ),
-        needs=("steady",),
+        needs=("cameras", "steady"),
     )
     def aligned(self, session: Session) -> xr.Dataset:
         """Tracks of all views on the reference view's clock, and what is known of each view's clock."""
-        return synchronize_tracks(session, self.steady.tracks)
+        known = self.cameras.rig if self.cameras.status == CameraStatus.OK else None
+        return synchronize_tracks(session, self.steady.tracks, known)
 
     @product(reads=("method.refinement", "method.sgr", "method.still_interval_s"), needs=("cameras", "aligned"))
     def refinement(self, session: Session) -> Refinement | None:
@@ -448,7 +450,12 @@ class Measurement(Chain[Session]):
 
 
 def measure(
-    session: Session, folder: Path | str | None = None, *, progress: Progress | None = None, whole_files: bool = False
+    session: Session,
+    folder: Path | str | None = None,
+    *,
+    progress: Progress | None = None,
+    whole_files: bool = False,
+    forecast: Callable[[Mapping[str, xr.Dataset]], None] | None = None,
 ) -> Measurement:
     """The whole way from recordings to displacement.
 
@@ -463,6 +470,8 @@ def measure(
         Called with what is being done.
     whole_files
         Whether large input files are hashed as a whole, see `Measurement`.
+    forecast
+        Called with what the named points should measure (`Measurement.expectation`), before anything else is done.
 
     Returns
     -------
@@ -480,6 +489,8 @@ def measure(
     if measurement.folder is not None:
         _prepare_folder(measurement.folder, session)
         write_session(measurement.folder / "session.resolved.toml", session)
+    if forecast is not None and measurement.expectation:
+        forecast(measurement.expectation)
     for name in ("cameras", "points", "tracks", "displacement", "audit", "figures", "summary"):
         getattr(measurement, name)
     return measurement

@@ -8,7 +8,12 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.datasets import UNMEASURED_STD_PX
 from vfm_sdm.stages.registration.designs import SubsetDesign
-from vfm_sdm.stages.registration.reference_subsets import ReferenceSubsets, interpolation_noise
+from vfm_sdm.stages.registration.reference_subsets import (
+    NEIGHBOURS,
+    ReferenceSubsets,
+    interpolation_jumps,
+    interpolation_noise,
+)
 
 __all__ = ["RIGID_PX", "SubsetNoise"]
 
@@ -32,8 +37,8 @@ class SubsetNoise:
         Degrees of freedom that a registration takes, shape (P,).
     norm2
         Squared norm of the template, shape (P,) [squared grey levels].
-    unit_covariance, noise_share
-        As in `ReferenceSubsets`, shape (P, 2, 2).
+    unit_covariance, noise_share, smooth_covariance
+        As in `ReferenceSubsets`, shapes (P, 2, 2), (P, 2, 2) and (P, G, 2, 2).
     fixed
         Covariance of the position that no noise explains, shape (P, 2, 2) [px2]: along an edge, and from what the warp
         leaves out; ``None`` where there is none.
@@ -45,6 +50,7 @@ class SubsetNoise:
     norm2: FloatArray
     unit_covariance: FloatArray
     noise_share: FloatArray
+    smooth_covariance: FloatArray
     fixed: FloatArray | None
 
     @classmethod
@@ -68,22 +74,22 @@ class SubsetNoise:
         count = len(subset_px)
         pixels, parameters, norm2 = np.ones(count, np.int64), np.full(count, _AFFINE + _BRIGHTNESS), np.zeros(count)
         unit, share = np.full((count, 2, 2), np.nan), np.full((count, 2, 2), np.nan)
+        smooth = np.full((count, 0 if designs is None else len(NEIGHBOURS), 2, 2), np.nan)
         for rows, subsets in prepared:
             pixels[rows], norm2[rows] = subsets.moments[:, 13].astype(np.int64), subsets.moments[:, 0]
             unit[rows], share[rows] = subsets.unit_covariance, subsets.noise_share
+            smooth[rows] = subsets.smooth_covariance
         if designs is None:
-            return cls(subset_px // 2, pixels, parameters, norm2, unit, share, None)
+            return cls(subset_px // 2, pixels, parameters, norm2, unit, share, smooth, None)
         fixed = np.zeros((count, 2, 2))
         leakages = {row: leak for rows, of in prepared for row, leak in zip(rows.tolist(), of.leakage, strict=True)}
         for row, design in enumerate(designs):
             if design is not None:
-                parameters[row] = design.basis().shape[1] + _BRIGHTNESS
+                parameters[row] = design.basis().shape[1] + _BRIGHTNESS + design.shadings
                 fixed[row] = _compute_fixed_covariance(design, leakages[row])
-        return cls(subset_px // 2, pixels, parameters, norm2, unit, share, fixed)
+        return cls(subset_px // 2, pixels, parameters, norm2, unit, share, smooth, fixed)
 
-    def position_covariance(
-        self, rows: IntArray, warps: FloatArray, residual: FloatArray, gain: FloatArray
-    ) -> FloatArray:
+    def position_covariance(self, rows: IntArray, warps: FloatArray, outcome: FloatArray) -> FloatArray:
         """Covariance of positions, shape (K, 2, 2) [px2]; derived in `vfm_sdm.stages.tracking.icgn.IcgnTracker`.
 
         Parameters
@@ -92,11 +98,19 @@ class SubsetNoise:
             Row of the subset of each registration, shape (K,).
         warps
             Position of the centre [px], then the affine map row by row [1], shape (K, 6).
-        residual
-            Residual sum of squares, shape (K,) [squared grey levels].
-        gain
-            Gain of the brightness, shape (K,) [1].
+        outcome
+            Residual sum of squares [squared grey levels], gain of the brightness [1] and roughness of the residuals [1]
+            (NaN where it was not measured), shape (K, 3).
+
+        Notes
+        -----
+        What a codec or a shadow leaves in the residuals is smoother than noise: it spoils the gradients less, and does
+        not average out over the subset. The roughness, the mean squared difference of neighbours over that of white
+        noise (as interpolation leaves it), is one less the correlation of neighbours; noise of the gradients is that of
+        white noise times it, and the covariance is that for noise whose correlation falls by the same factor from pixel
+        to pixel. Where it was not measured, noise is white.
         """
+        residual, gain, roughness = outcome.T
         A = warps[:, 2:].reshape(-1, 2, 2)
         table = interpolation_noise()
         fraction = warps[:, :2] - np.floor(warps[:, :2])
@@ -111,12 +125,34 @@ class SubsetNoise:
             variance = residual / ((pixels - self.parameters[rows]) * (kept + gain**2 / signal))
             signal = np.maximum(1 - variance / np.where(contrast > 0, contrast, 1), 0.1)
         gain2 = (gain / signal) ** 2
-        inflation = _invert_two_by_two(np.eye(2) - variance[:, None, None] * self.noise_share[rows])
+        rough = np.where(np.isnan(roughness), 1.0, np.minimum(roughness / _white_roughness(fraction, kept, gain), 1.0))
+        share = rough[:, None, None] * self.noise_share[rows]
+        inflation = _invert_two_by_two(np.eye(2) - variance[:, None, None] * share)
         effective = variance * (1 + gain2) / gain2
         spread = A @ inflation
-        unit = spread @ self.unit_covariance[rows] @ spread.swapaxes(1, 2)
+        unit = spread @ self._unit_covariance(rows, 1 - rough) @ spread.swapaxes(1, 2)
         covariance = effective[:, None, None] * unit
         return np.asarray(covariance if self.fixed is None else covariance + A @ self.fixed[rows] @ A.swapaxes(1, 2))
+
+    def _unit_covariance(self, rows: IntArray, correlation: FloatArray) -> FloatArray:
+        """Covariance for noise of one grey level whose neighbours are correlated, (K,) to (K, 2, 2) [px2]."""
+        if self.smooth_covariance.shape[1] == 0:
+            return self.unit_covariance[rows]
+        place = np.interp(np.nan_to_num(correlation), NEIGHBOURS, np.arange(len(NEIGHBOURS)))
+        low = np.minimum(place.astype(np.int64), len(NEIGHBOURS) - 2)
+        part, of = (place - low)[:, None, None], self.smooth_covariance
+        return np.asarray((1 - part) * of[rows, low] + part * of[rows, low + 1])
+
+
+def _white_roughness(fraction: FloatArray, kept: FloatArray, gain: FloatArray) -> FloatArray:
+    """Roughness that white noise in both frames has after interpolation at fractions (K, 2) of a pixel, shape (K,).
+
+    ``kept`` is the share of the current frame's variance that interpolation keeps, shape (K,).
+    """
+    steps = np.linspace(0, 1, len(interpolation_noise()))
+    of_value, of_jump = (np.interp(fraction, steps, table) for table in (interpolation_noise(), interpolation_jumps()))
+    jumps = (of_jump[:, 0] * of_value[:, 1] + of_value[:, 0] * of_jump[:, 1]) / 2
+    return np.asarray((jumps + gain**2) / (kept + gain**2))
 
 
 def _compute_fixed_covariance(design: SubsetDesign, leakage: FloatArray) -> FloatArray:

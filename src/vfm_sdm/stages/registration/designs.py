@@ -14,6 +14,8 @@ USUAL_SUBSET_PX = 41
 """Side of a subset where nobody names or chooses one [px]."""
 FEWEST_BELIEVED_PX = 24
 """Three pixels for each of the eight numbers that an affine registration takes: six of the warp, gain and bias."""
+_HIGHEST_SHADING = 5
+"""From the sixth degree on, surfaces take the texture of small subsets away."""
 _UNIT = 1e-6
 """Relative error of a length that counts as 1."""
 
@@ -46,6 +48,9 @@ class SubsetDesign:
     omitted_std
         Standard deviation of each element of the linear part (rotation, strain) that the subset really undergoes and
         the warp leaves out [1]; what it does to the position is part of the covariance.
+    shading
+        Degree, 0 to 5, of the polynomial surface of brightness that may come and go on the subset, as shadows do; 0 is
+        a bias. A gain is free in any case.
 
     Raises
     ------
@@ -65,6 +70,7 @@ class SubsetDesign:
     across: FloatArray | None = None
     mask: BoolArray | None = None
     omitted_std: float = 0.0
+    shading: int = 0
 
     def __post_init__(self) -> None:
         check_subset_px(self.subset_px, "subset_px")
@@ -88,6 +94,15 @@ class SubsetDesign:
             )
         if not (np.isfinite(self.omitted_std) and self.omitted_std >= 0):
             raise DatasetError(f"omitted_std: expected 0 or more, got {self.omitted_std}; leave it out for 0")
+        if not 0 <= self.shading <= _HIGHEST_SHADING:
+            raise DatasetError(
+                f"shading: expected a degree from 0 to {_HIGHEST_SHADING}, got {self.shading}; leave it out for 0"
+            )
+
+    @property
+    def shadings(self) -> int:
+        """Number of surfaces that make up the shading, beside the constant."""
+        return (self.shading + 1) * (self.shading + 2) // 2 - 1
 
     @property
     def believed_px(self) -> int:

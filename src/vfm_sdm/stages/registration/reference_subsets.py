@@ -12,7 +12,14 @@ from scipy.ndimage import correlate1d, map_coordinates, spline_filter1d
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.stages.registration.designs import SubsetDesign
 
-__all__ = ["SMOOTHING", "ReferenceSubsets", "interpolation_noise", "prepare_subsets"]
+__all__ = [
+    "NEIGHBOURS",
+    "SMOOTHING",
+    "ReferenceSubsets",
+    "interpolation_jumps",
+    "interpolation_noise",
+    "prepare_subsets",
+]
 
 SMOOTHING = np.array([1, -6, 15, 44, 15, -6, 1]) / 64
 """Low-pass of the steepest-descent images, 1 - sin^6(pi f): flat up to a quarter of the sampling frequency, zero at
@@ -22,11 +29,13 @@ _DERIVATIVE = np.array([-1, -10, 0, 10, 1]) / 24  # of a quintic spline at the s
 _VALUE = np.array([1, 26, 66, 26, 1]) / 120  # its value there
 _FILTERS = len(_VALUE) // 2 + len(SMOOTHING) // 2  # pixels around a subset that the filters after the spline's need
 _MARGIN = _FILTERS + 9  # the spline's coefficients settle over 9 pixels, to 0.43^9
+NEIGHBOURS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
+"""Correlations of the noise of neighbouring pixels for which the covariance of a designed subset is prepared."""
 _BATCH = 32  # subsets prepared at one time; bounds the memory
 
 
 class ReferenceSubsets(NamedTuple):
-    """Arrays of P prepared subsets of one size; the kernel `register_subsets` reads the first five.
+    """Arrays of P prepared subsets of one size; the kernel `register_subsets` reads the first six.
 
     Parameters
     ----------
@@ -35,19 +44,25 @@ class ReferenceSubsets(NamedTuple):
         where a pixel is not believed.
     moments
         Squared norm of the template; sums of the six steepest-descent images; their products with the template; number
-        of believed pixels; shape (P, 14).
+        of believed pixels; share of each shading in the template; shape (P, 14 + Q).
     matrices
         Inverse of the Gauss-Newton matrix M within the allowed warps, and the plain Hessian, shape (P, 2, 6, 6).
     grid
         Offsets (u, v) of a subset's pixels in [u, v] order, shape (2, S S) [px]; the same for all.
     believed
-        1 for believed pixels, 0 for others, in [u, v] order, shape (P, S S); (0, S S) where all are believed.
+        1 for believed pixels, 0 for others, in [u, v] order, shape (P, S S); (0, S S) without designs.
+    shading
+        Surfaces of brightness that may come and go, orthonormal to each other and to a constant on the believed pixels,
+        in [u, v] order, shape (P, Q, S S) [1]; zero where a subset has fewer than Q.
     usable
         Whether the texture fixes all parameters of the allowed warps, shape (P,).
     unit_covariance
         Covariance of the position for noise of one grey level in all, shape (P, 2, 2) [px2].
     noise_share
         Part of the gradient matrix that noise of one grey level makes, shape (P, 2, 2) [1].
+    smooth_covariance
+        Covariance of the position for noise of one grey level of which neighbouring pixels have the correlations
+        `NEIGHBOURS` in common, shape (P, G, 2, 2) [px2]; (P, 0, 2, 2) without designs.
     leakage
         Error of the position for each unit of a true warp, shape (P, 2, 6) [px, px per unit of the linear part]: what
         the allowed warps leave out; zero for affine ones.
@@ -58,9 +73,11 @@ class ReferenceSubsets(NamedTuple):
     matrices: FloatArray
     grid: npt.NDArray[np.float32]
     believed: npt.NDArray[np.float32]
+    shading: npt.NDArray[np.float32]
     usable: BoolArray
     unit_covariance: FloatArray
     noise_share: FloatArray
+    smooth_covariance: FloatArray
     leakage: FloatArray
 
 
@@ -124,15 +141,16 @@ def prepare_subsets(
     starts = range(0, max(len(centers), 1), _BATCH)
     parts = map(prepare, starts) if executor is None else executor.map(prepare, starts)
     pixels, moments, matrices, *others = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    shading = _stack_shading(designs, len(centers), half).astype(np.float32)
     masks = _believed(designs)
     grid = _offset_grid(half).astype(np.float32)
     believed = np.empty((0, grid.shape[1]), np.float32) if masks is None else masks.astype(np.float32)
-    return ReferenceSubsets(pixels, moments, matrices, grid, believed, *others)
+    return ReferenceSubsets(pixels, moments, matrices, grid, believed, shading, *others)
 
 
 def _believed(designs: Sequence[SubsetDesign] | None) -> BoolArray | None:
-    """Masks of subsets of one size in [u, v] order, shape (P, S S); ``None`` where all pixels are believed."""
-    if designs is None or all(design.mask is None for design in designs):
+    """Masks of subsets of one size in [u, v] order, shape (P, S S); ``None`` without designs."""
+    if not designs:
         return None
     side = (designs[0].subset_px, designs[0].subset_px)
     masks = [np.ones(side, np.bool_) if design.mask is None else design.mask for design in designs]
@@ -148,11 +166,35 @@ def _offset_grid(half: int) -> FloatArray:
 @cache
 def interpolation_noise() -> FloatArray:
     """Share of white noise's variance that interpolation along one axis keeps, at fractions 0, 1/32 ... 1 [1]."""
+    return np.asarray((_interpolation_response() ** 2).sum(axis=0))
+
+
+@cache
+def interpolation_jumps() -> FloatArray:
+    """Share of the squared difference of neighbours in white noise that interpolation keeps, as above [1]."""
+    return np.asarray((np.diff(_interpolation_response(), axis=0) ** 2).sum(axis=0) / 2)
+
+
+def _interpolation_response() -> FloatArray:
+    """Interpolated values around a single bright pixel, at fractions 0, 1/32 ... 1 of a pixel, shape (48, 33)."""
     impulse = np.zeros(65)
     impulse[32] = 1
     positions = 8 + np.arange(48)[:, None] + np.arange(33) / 32
-    response = map_coordinates(impulse, [positions], order=5, mode="mirror")
-    return np.asarray((response**2).sum(axis=0))
+    return np.asarray(map_coordinates(impulse, [positions], order=5, mode="mirror"))
+
+
+def _stack_shading(designs: Sequence[SubsetDesign] | None, points: int, half: int) -> FloatArray:
+    """Surfaces of brightness of P subsets of one size in [u, v] order, shape (P, Q, S S); Q is 0 without designs."""
+    if not designs:
+        return np.empty((points, 0, (2 * half + 1) ** 2))
+    x, y = _offset_grid(half) / half
+    found, most = [], max(design.shadings for design in designs)
+    for design in designs:
+        powers = [(i, total - i) for total in range(design.shading + 1) for i in range(total + 1)]
+        believed = np.ones(x.size) if design.mask is None else design.mask.T.ravel().astype(np.float64)
+        basis = np.linalg.qr(np.stack([believed * x**i * y**j for i, j in powers], axis=1))[0]
+        found.append(np.pad(basis.T[1:], ((0, most - design.shadings), (0, 0))))
+    return np.stack(found)
 
 
 def _prepare(
@@ -168,15 +210,18 @@ def _prepare(
     points, side2 = len(centers), (2 * half + 1) ** 2
     gray = windows[core].reshape(points, side2)
     plain, smooth = ([g.reshape(points, side2) for g in kind] for kind in _compute_gradients(windows))
-    count, believed = np.full(points, side2), _believed(designs)
+    count, believed, shading = np.full(points, side2), _believed(designs), _stack_shading(designs, points, half)
     if believed is None:
         template = gray - gray.mean(axis=1, keepdims=True)
     else:
         count = believed.sum(axis=1)
         template = (gray - ((gray * believed).sum(axis=1) / count)[:, None]) * believed
         plain, smooth = ([g * believed for g in kind] for kind in (plain, smooth))
+    shaded = (shading @ template[..., None])[..., 0]
+    if shading.shape[1]:
+        template = template - (shaded[:, None] @ shading)[:, 0]
     design = np.stack([np.ones(side2), *_offset_grid(half)])
-    S, T = _Images(smooth, template, design, count), _Images(plain, template, design, count)
+    S, T = (_Images(kind, template, design, count, shading) for kind in (smooth, plain))
     M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
 
     inverse, usable = _invert(M, designs)
@@ -187,11 +232,12 @@ def _prepare(
     to_position = J @ inverse
     return (
         np.stack([template, *smooth], axis=1).astype(np.float32),
-        np.column_stack([S.norm2, S.sums, S.on_template, count]),
+        np.column_stack([S.norm2, S.sums, S.on_template, count, shaded]),
         np.stack([inverse, hessian], axis=1),
         usable,
         to_position @ scatter @ to_position.swapaxes(1, 2),
         _compute_gradient_noise() * count[:, None, None] * inverse[:, ::3, ::3],
+        np.empty((points, 0, 2, 2)) if believed is None else _spread_smooth_noise(S, believed, to_position),
         np.zeros_like(J) if designs is None else to_position @ M - J,
     )
 
@@ -244,18 +290,47 @@ def _apply_filter(images: FloatArray, along_u: FloatArray, along_v: FloatArray) 
     return np.asarray(correlate1d(partly, along_v, axis=2)[:, :, border_v:-border_v])
 
 
+def _spread_smooth_noise(S: "_Images", believed: BoolArray, to_position: FloatArray) -> FloatArray:
+    """Covariance of the position for noise whose correlation falls by a factor a pixel, (P, G, 2, 2) [px2].
+
+    ``to_position`` takes the products of the images with a frame to the position, shape (P, 2, 6).
+    """
+    points, side = len(believed), int(np.sqrt(believed.shape[1]) + 0.5)
+    design = np.stack([np.ones(believed.shape[1]), *_offset_grid(side // 2)])
+    images = np.concatenate([g[:, None] * design for g in S.gradients], axis=1)
+    norm2 = np.where(S.norm2 > 0, S.norm2, 1)[:, None, None]
+    images = images - (S.sums / S.count[:, None])[..., None] * believed[:, None]
+    images = images - S.on_template[..., None] * S.template[:, None] / norm2 - S.on_shading @ S.shading
+    weights = (to_position @ images).reshape(points, 2, side, side)
+    spread = []
+    for correlation in NEIGHBOURS:
+        kernel = correlation ** np.abs(np.arange(1 - side, side))
+        seen = correlate1d(correlate1d(weights, kernel, axis=2, mode="constant"), kernel, axis=3, mode="constant")
+        spread.append(np.einsum("piuv,pjuv->pij", weights, seen))
+    return np.stack(spread, axis=1)
+
+
 class _Images:
     """Steepest-descent images of one kind of gradient: the gradients times 1, u, v of the offset (``design``)."""
 
-    def __init__(self, gradients: list[FloatArray], template: FloatArray, design: FloatArray, count: IntArray) -> None:
-        self.gradients, self.count = gradients, count
+    def __init__(
+        self,
+        gradients: list[FloatArray],
+        template: FloatArray,
+        design: FloatArray,
+        count: IntArray,
+        shading: FloatArray,
+    ) -> None:
+        self.gradients, self.count, self.template, self.shading = gradients, count, template, shading
         self.norm2 = np.einsum("pn,pn->p", template, template)
         self.sums = np.concatenate([g @ design.T for g in gradients], axis=1)
         self.on_template = np.concatenate([(g * template) @ design.T for g in gradients], axis=1)
+        # Shape (P, 6, Q).
+        self.on_shading = np.concatenate([(shading * g[:, None]) @ design.T for g in gradients], axis=2).swapaxes(1, 2)
 
 
 def _normal_matrix(first: _Images, second: _Images, design: FloatArray) -> FloatArray:
-    """Products of the six images of both, less what each shares with a constant and with the template, (P, 6, 6).
+    """Products of the six images of both, less what each shares with a constant, template and shading, (P, 6, 6).
 
     ZNSSD sees neither gain nor bias, so those shares carry no information about the warp.
     """
@@ -265,7 +340,8 @@ def _normal_matrix(first: _Images, second: _Images, design: FloatArray) -> Float
     norm2 = np.where(first.norm2 > 0, first.norm2, 1)[:, None, None]
     constant = first.sums[:, :, None] * second.sums[:, None, :] / first.count[:, None, None]
     template = first.on_template[:, :, None] * second.on_template[:, None, :] / norm2
-    return np.asarray(product - constant - template)
+    # Without shading, there is nothing to subtract.
+    return np.asarray(product - constant - template - first.on_shading @ second.on_shading.swapaxes(1, 2))
 
 
 @cache

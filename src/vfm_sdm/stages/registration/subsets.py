@@ -243,14 +243,14 @@ class SubsetBank:
         """A kernel's work on registrations, in as many threads as are worth it."""
         picture = _find_plane(current)
         warps = np.where(self.usable[rows][:, None], warps, np.nan)
-        outcome = np.full((len(rows), 5), np.nan)
+        outcome = np.full((len(rows), 6), np.nan)
         outcome[:, :2] = FAILED, 0
         work = []
         for members, subsets in self.prepared:
             # One size is all registrations, which are then worked on where they stand.
             mine = slice(None) if len(members) == len(self) else np.flatnonzero(np.isin(rows, members))
             own = (np.searchsorted(members, rows[mine]), warps[mine], outcome[mine])
-            work.append((mine, subsets[:5], own))
+            work.append((mine, subsets[:6], own))
 
         def share(part: tuple[int, tuple[int, int]]) -> None:
             _, bank, own = work[part[0]]
@@ -296,7 +296,7 @@ class SubsetBank:
         return Registration(
             position=self.position(raw.rows, warps),
             affine=warps[:, 2:].reshape(-1, 2, 2),
-            covariance=self._noise.position_covariance(raw.rows, warps, raw.outcome[:, 3], raw.outcome[:, 4]),
+            covariance=self._noise.position_covariance(raw.rows, warps, raw.outcome[:, 3:]),
             correlation=raw.correlation,
             iterations=raw.outcome[:, 1].astype(np.int64),
             converged=raw.converged,

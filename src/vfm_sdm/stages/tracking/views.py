@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -56,6 +57,8 @@ def track_views(
     for view, video in videos.items():
         chosen = None if subsets is None else subsets.get(view)
         found = _track_view(video, points.sel(view=view), tracker, chosen, _named(progress, view))
+        if chosen:
+            found = found.assign(_describe_choices(chosen, [str(name) for name in found["point"].values]))
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
         tracks[view] = include_track_noise(found)
         tracks[view].attrs["recording"] = {**asdict(video.report), "bits_per_pixel": _bits_per_pixel(video)}
@@ -82,8 +85,19 @@ def _track_view(
     else:
         tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
     codes = tracks["status"].dtype.type(Status.LOST)
-    fill = {"status": codes, "warp": "", "subset_px": 0}
+    missing = {"status": codes, "subset_px": 0, "warp": "", "believed": 0.0}
+    fill = {name: missing.get(str(name), np.nan) for name in tracks.data_vars}
     return tracks if known.all() else tracks.reindex(point=names, fill_value=fill)
+
+
+def _describe_choices(subsets: Mapping[str, SubsetChoice], names: list[str]) -> dict[str, Any]:
+    """Variables that say of each point whether its subset was refused, and which place would do."""
+    status = [str(subsets[name].status) if name in subsets else "" for name in names]
+    nearest = [subsets[name].nearest if name in subsets else np.full(2, np.nan) for name in names]
+    return {
+        "subset_status": ("point", np.array(status, dtype=object)),
+        "nearest_texture": (("point", "pixel"), np.array(nearest), {"units": "px"}),
+    }
 
 
 def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:

@@ -7,7 +7,6 @@ import numpy as np
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
-from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
 from vfm_sdm.stages.registration.subsets import SubsetBank
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
@@ -81,15 +80,13 @@ def choose_subset(frames: LumaArray, offset: FloatArray, sizes: Sequence[int]) -
     """
     window = Window(_middle(frames, sizes[-1] // 2 + _MARGIN_PX))
     belief = find_belief(window, max(sizes[0] // 2, _SIGHT_PX))
-    best: SubsetChoice | None = None
-    for size in sizes:
-        found = _choose_warp(window, belief, frames, offset, size)
-        if best is None or found.std_px[0] < _WORTH * best.std_px[0] or _measures_more(found, best):
-            best = found
+    best = _choose_warp(window, belief, frames, offset, sizes[0])
+    for size in sizes[1:]:
         if best.design is not None and best.design.warp != Warp.EDGE and best.std_px[1] < _GOOD_STD_PX:
             break
-    if best is None:
-        raise DatasetError("sizes: expected at least one side of a square, got none; name one")
+        found = _choose_warp(window, belief, frames, offset, size)
+        if _measures_more(found, best) or found.std_px[0] < _WORTH * best.std_px[0]:
+            best = found
     return best if best.design is not None else replace(best, nearest=_find_nearest(frames, sizes[0]))
 
 

@@ -71,7 +71,8 @@ def sample_windows(
                 windows.append(window)
     if reference is None:
         raise DatasetError(f"reference_frame: expected a frame {reference_frame} of the video; name an earlier one")
-    return SampledWindows(reference, [np.stack(windows) for windows in cuts], centers)
+    stacks: list[LumaArray] = [np.stack(windows) for windows in cuts]  # type: ignore[misc]  # one depth in a video
+    return SampledWindows(reference, stacks, centers)
 
 
 def _cut(image: LumaArray, center: IntArray, half: int) -> LumaArray:

@@ -58,10 +58,10 @@ class Window:
     def __init__(self, frames: LumaArray) -> None:
         raw = frames.astype(np.float32)
         # Brightness that all of a frame shares is nobody's motion.
-        raw -= np.median(raw, axis=(1, 2), keepdims=True)
+        raw -= np.median(raw - raw[0], axis=(1, 2), keepdims=True)
         self.soft = np.stack([soften(frame, SOFT_PX) for frame in raw])
         self.count = len(frames) - 1
-        half = np.float32([[-0.5, 0.0, 0.5]])
+        half = np.array([[-0.5, 0.0, 0.5]], np.float32)
         self.gradient = np.stack([cv2.filter2D(self.soft[0], -1, half), cv2.filter2D(self.soft[0], -1, half.T)])
         steps = np.arange(frames.shape[1], dtype=np.float32) - frames.shape[1] // 2
         self.radius2 = steps[:, None] ** 2 + steps[None, :] ** 2

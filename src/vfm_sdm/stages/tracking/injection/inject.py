@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.covariances import edges_across, find_edges
 from vfm_sdm.core.datasets import trusted_values
 from vfm_sdm.core.statuses import InjectionStatus
 from vfm_sdm.errors import VideoError
@@ -277,8 +278,7 @@ def _describe(
     """What was found, as variables of the points."""
     count = tracks.sizes["point"]
     gains, stds, noises = (np.full((count, 2), np.nan) for _ in range(3))
-    across = tracks["edge_across"].values if "edge_across" in tracks else np.full((count, 2), np.nan)
-    edges = [vector if np.isfinite(vector).all() else None for vector in across]
+    edges = [across if edge else None for across, edge in zip(edges_across(tracks), find_edges(tracks), strict=True)]
     for point, both in found.items():
         for direction, one in enumerate(both if edges[point] is None else both[:1]):
             gains[point, direction], stds[point, direction], noises[point, direction] = one.gain, one.std, one.noise
