@@ -51,6 +51,7 @@ READERS = {
     "method.sgr": ("refinement", "displacement", "audit"),
     "method.synchronization": ("aligned", "audit"),
     "method.camera_motion": ("steady", "audit"),
+    "method.injection": ("injection", "audit"),
     "method.still_interval_s": ("refinement", "unrefined", "displacement", "audit"),
     "method.subset_px": ("expectation", "cameras", "subsets", "tracks", "audit"),
     "method.network": ("audit",),
