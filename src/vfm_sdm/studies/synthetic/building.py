@@ -181,13 +181,8 @@ def _in_light(face: Face, light: Light, normal: FloatArray, material: Material) 
     share, texture = light.irradiance(normal), face.texture
     marks = tuple(replace(mark, luma=share * mark.luma) for mark in texture.marks)
     mean = BLACK + share * (texture.mean - BLACK)
-    sunny = float(normal @ light.direction) > 0
-    return replace(
-        face,
-        texture=replace(texture, mean=mean, contrast=share * texture.contrast, marks=marks),
-        sun_share=light.sun_share(normal),
-        gloss=material.gloss if sunny else (0.0, 1.0),
-    )
+    texture = replace(texture, mean=mean, contrast=share * texture.contrast, marks=marks)
+    return replace(face, texture=texture, gloss=material.gloss)
 
 
 def _stains(material: Material, size_m: tuple[float, float], rng: np.random.Generator) -> list[Mark]:

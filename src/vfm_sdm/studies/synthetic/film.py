@@ -67,15 +67,14 @@ def film_view(plan: Preset, scene: Scene, view: int) -> tuple[Iterator[npt.NDArr
 
 
 class _LitRenderer:
-    """Pictures of the displaced scene in the light of an instant."""
+    """Pictures of the displaced scene with the shadows of an instant."""
 
     def __init__(self, renderer: Renderer) -> None:
         self.renderer = renderer
         scene, self._shading = renderer.scene, None
-        if scene.light is not None:
+        if scene.light is not None and scene.light.canopy is not None:
             self._shading = Shading(
                 scene.light,
-                np.array([(face.sun_share, *face.gloss) for face in scene.faces]),
                 planes=renderer.face_planes,
                 rays=renderer.rays,
                 pose=renderer.camera.cam_from_world,

@@ -30,6 +30,9 @@ _RAILING = 1.15
 _FASCIA, _EDGE, _PLATE, _WEB_X = -0.10, 0.0, 0.088, 0.10
 _POST = (-0.07, 0.06)
 """Front of the posts, and their depth."""
+_WASHER = 0.022
+"""Between nuts and the plate: what ends at a plane nearer than about four pixels' change of depth is blended wrongly
+(`vfm_sdm.studies.synthetic.edges`)."""
 
 
 @dataclass(frozen=True)
@@ -274,17 +277,15 @@ def _add_splice(builder: Builder, site: GirderBridgeSite) -> None:
     width, height, top = 0.56, 0.46, 0.08
     middle = site.stiffener_m(site.splice) + 0.5 * site.bay_m
     at = [(u, v) for u in (-0.2, -0.12, 0.12, 0.2) for v in (0.06, 0.17, 0.28, 0.39)]
-    shadows = tuple(
-        Mark((0.5 * width + u - 0.012, v + 0.028), (0.012, 0.012), 0.0, half_m=(0.02, 0.018), taken=0.6) for u, v in at
+    washer = tuple(
+        Mark((0.5 * width + u - 0.016, v + 0.014), (0.008, 0.008), 0.0, half_m=(0.034, 0.026), taken=0.7) for u, v in at
     )
     corner = (X + _PLATE, Y + top, middle - 0.5 * width)
     size = (_WEB_X - _PLATE, height, width)
-    builder.add_box("splice", corner, size, site.surfaces.paint, moving=True, marks=shadows)
+    builder.add_box("splice", corner, size, site.surfaces.paint, moving=True, marks=washer)
     for number, (u, v) in enumerate(at):
-        nut = (X + _PLATE - 0.030, Y + top + v - 0.017, middle + u - 0.017)
-        builder.add_box(f"nut {number}", nut, (0.030, 0.034, 0.034), site.surfaces.bolt, moving=True)
-        thread = (nut[0] - 0.018, nut[1] + 0.008, nut[2] + 0.008)
-        builder.add_box(f"thread {number}", thread, (0.018, 0.018, 0.018), site.surfaces.bolt, moving=True)
+        nut = (X + _PLATE - 0.046, Y + top + v - 0.018, middle + u - 0.018)
+        builder.add_box(f"nut {number}", nut, (0.046 - _WASHER, 0.036, 0.036), site.surfaces.bolt, moving=True)
 
 
 def _add_deck(builder: Builder, site: GirderBridgeSite) -> None:

@@ -1,12 +1,10 @@
 """Light of a sun that changes a picture between view and view and from frame to frame: reflections, moving shadows.
 
-Both lie still in the world while the structure moves through them by millimetres, so that they are drawn over the
-picture of a displaced scene: a reflection depends on the direction in which a plane is seen, a shadow on where a ray
-meets it.
+A reflection depends on the direction in which a face is seen; it is part of the face's texture for one camera. Shadows
+of leaves lie in the world while the structure moves through them by millimetres: they are drawn over the picture.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numba as nb
@@ -19,7 +17,7 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.studies.synthetic.cast_arrays import BLUR_PX, FaceImage
 from vfm_sdm.studies.synthetic.defects import BLACK, compute_wandering
 
-__all__ = ["Canopy", "Light", "Shading", "canopy_density"]
+__all__ = ["Canopy", "Light", "Shading", "canopy_density", "compute_reflection"]
 
 _CELLS = 256
 """Side of the square of cells that holds the pattern of the leaves, and repeats."""
@@ -33,7 +31,7 @@ _SWAY_HZ = (0.15, 0.9)
 
 @dataclass(frozen=True)
 class Canopy:
-    """Leaves between sun and structure, whose shadows sway.
+    """Leaves above the structure, whose shadows sway; they take the light of the sun and of the sky behind them.
 
     Parameters
     ----------
@@ -44,7 +42,7 @@ class Canopy:
     leaf_m
         Size of a shadow [m].
     depth
-        Share of the sun's light that is taken where leaves are dense [1].
+        Share of the light that is taken where leaves are dense [1].
     sway_m
         Standard deviation of the leaves' movement [m].
     seed
@@ -59,7 +57,7 @@ class Canopy:
     center: tuple[float, float, float]
     radius_m: float
     leaf_m: float = 0.12
-    depth: float = 0.8
+    depth: float = 0.5
     sway_m: float = 0.05
     seed: int = 0
 
@@ -142,42 +140,84 @@ def canopy_density(canopy: Canopy) -> npt.NDArray[np.float32]:
     return np.asarray(0.5 + 0.5 * np.tanh(_SHARPNESS * (noise - _THINNEST)), np.float32)
 
 
+def compute_reflection(
+    light: Light, gloss: tuple[float, float], *, normal: FloatArray, points3d: FloatArray, center: FloatArray
+) -> FloatArray:
+    """Luma of the sun's reflection in a glossy face, above black, shape (...).
+
+    Parameters
+    ----------
+    light
+        The sun.
+    gloss
+        Luma in the mirror's direction, and exponent.
+    normal
+        Unit normal of the face, to either side, shape (3,) [1].
+    points3d
+        Points of the face, world frame, shape (..., 3) [m].
+    center
+        Optical centre of the camera, shape (3,) [m].
+
+    Notes
+    -----
+    ``luma (n . h)^exponent`` with h half-way between the directions to sun and camera; none on a face that is turned
+    from the sun.
+
+    References
+    ----------
+    .. [1] Blinn, J. F. (1977). Models of light reflection for computer synthesized pictures. SIGGRAPH Computer Graphics
+       11(2), 192-198.
+
+    Examples
+    --------
+    >>> wall, ahead = np.array([0.0, 0.0, 10.0]), np.array([0.0, 0.0, 1.0])
+    >>> sun = Light((0.0, 0.0, -1.0))
+    >>> float(compute_reflection(sun, (40.0, 20.0), normal=ahead, points3d=wall, center=np.zeros(3)))
+    40.0
+    """
+    sun, view = light.direction, center - points3d
+    distance = np.linalg.norm(view, axis=-1)
+    towards = normal * np.sign(np.mean(view @ normal))
+    if float(towards @ sun) <= 0:
+        return np.zeros(distance.shape)
+    cosine = (float(towards @ sun) + view @ towards / distance) / np.sqrt(2 + 2 * (view @ sun) / distance)
+    return np.asarray(gloss[0] * np.clip(cosine, 0, 1) ** gloss[1])
+
+
 class Shading:
-    """Reflections and shadows of a light as one camera sees them.
+    """Shadows of a canopy as one camera sees them.
 
     Parameters
     ----------
     light
         Sun and canopy.
-    surfaces
-        Share of the sun, luma of its reflection and exponent of its fall, shape (F, 3), of all faces.
     planes
         Normals in the camera's axes and distances [m], shape (F, 4); see `Renderer.face_planes`.
     rays
         Rays through all pixels, shape (H, W, 2) [1]; see `Renderer.rays`.
     pose
         ``cam_from_world``, shape (3, 4) [1 and m].
+
+    Raises
+    ------
+    DatasetError
+        The light has no canopy.
     """
 
-    def __init__(
-        self, light: Light, surfaces: FloatArray, *, planes: FloatArray, rays: FloatArray, pose: FloatArray
-    ) -> None:
-        self._light, self._rays = light, np.ascontiguousarray(rays)
-        self._faces = np.ascontiguousarray(np.column_stack([planes, surfaces]))
+    def __init__(self, light: Light, *, planes: FloatArray, rays: FloatArray, pose: FloatArray) -> None:
+        if light.canopy is None:
+            raise DatasetError("light: expected a canopy, got none; shadows need one")
+        self._canopy, self._rays, self._planes = light.canopy, np.ascontiguousarray(rays), np.ascontiguousarray(planes)
+        self._density = canopy_density(light.canopy)
         sun = light.direction
         across = np.cross(sun, [0.0, 1.0, 0.0])
         across /= np.linalg.norm(across)
-        axes = np.stack([sun, across, np.cross(sun, across)]) @ pose[:, :3].T
-        center = np.zeros(3) if light.canopy is None else pose[:, :3] @ light.canopy.center + pose[:, 3]
+        axes = np.stack([across, np.cross(sun, across)]) @ pose[:, :3].T
+        center = pose[:, :3] @ light.canopy.center + pose[:, 3]
         self._frame = np.ascontiguousarray(np.vstack([axes, center]))
 
-    @cached_property
-    def _density(self) -> npt.NDArray[np.float32]:
-        canopy = self._light.canopy
-        return np.zeros((1, 1), np.float32) if canopy is None else canopy_density(canopy)
-
-    def maps(self, face: FaceImage, time_s: float) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """What shadows leave of the light, and the luma of reflections.
+    def share(self, face: FaceImage, time_s: float) -> npt.NDArray[np.float32]:
+        """What shadows leave of the light, shape (H, W) [1].
 
         Parameters
         ----------
@@ -185,67 +225,53 @@ class Shading:
             Index of the face that each pixel shows, -1 for none, shape (H, W).
         time_s
             Time of the picture [s].
-
-        Returns
-        -------
-        share, reflected
-            Shape (H, W) each, [1] and luma of linear light above black.
         """
-        canopy = self._light.canopy
-        share, reflected = np.ones(face.shape, np.float32), np.zeros(face.shape, np.float32)
-        sway, settings = np.zeros(4), np.zeros(3)
-        if canopy is not None:
-            moved = [compute_wandering([time_s], _SWAY_HZ, seed=canopy.seed + n)[0] for n in (1, 2)]
-            sway = canopy.sway_m * np.concatenate(moved)
-            settings = np.array([canopy.depth, 1 / canopy.radius_m, _CELLS_PER_LEAF / canopy.leaf_m])
-        _shade(self._faces, self._rays, self._frame, self._density, np.append(settings, sway), face, share, reflected)
-        return share, reflected
+        canopy, left = self._canopy, np.ones(face.shape, np.float32)
+        sway = [compute_wandering([time_s], _SWAY_HZ, seed=canopy.seed + n)[0] for n in (1, 2)]
+        settings = [canopy.depth, 1 / canopy.radius_m, _CELLS_PER_LEAF / canopy.leaf_m]
+        moved = np.concatenate([settings, *(canopy.sway_m * s for s in sway)])
+        _shade(self._planes, self._rays, self._frame, self._density, moved, face, left)
+        return left
 
     def draw(self, luma: npt.NDArray[np.float32], face: FaceImage, time_s: float) -> npt.NDArray[np.float32]:
-        """The picture in this light; see `maps`.
+        """The picture with its shadows.
 
         Parameters
         ----------
         luma
-            Linear light of the textures, shape (H, W), black is 16.
+            Linear light of the scene, shape (H, W), black is 16.
         face, time_s
-            As in `maps`.
+            As in `share`.
 
         Notes
         -----
-        What a pixel's centre shows decides the light of all of it; the maps are blurred as edges are, so that a
-        silhouette is as soft in them as in the picture.
+        What a pixel's centre shows decides the shadow on all of it. At a silhouette before something that is not in
+        the shadow, that is wrong by up to half a pixel; blurred as edges are, it averages out along a slanted edge.
         """
-        share, reflected = (
-            cv2.GaussianBlur(image, (7, 7), BLUR_PX, borderType=cv2.BORDER_REPLICATE)
-            for image in self.maps(face, time_s)
-        )
-        lit: npt.NDArray[np.float32] = np.float32(BLACK) + (luma - np.float32(BLACK)) * share + reflected
+        share = cv2.GaussianBlur(self.share(face, time_s), (7, 7), BLUR_PX, borderType=cv2.BORDER_REPLICATE)
+        lit: npt.NDArray[np.float32] = np.float32(BLACK) + (luma - np.float32(BLACK)) * share
         return lit
 
 
 @nb.njit(cache=True, error_model="numpy", parallel=True)
 @cached_by_code
 def _shade(
-    faces: FloatArray,
+    planes: FloatArray,
     rays: FloatArray,
     frame: FloatArray,
     density: npt.NDArray[np.float32],
     settings: FloatArray,
     face: FaceImage,
     share: npt.NDArray[np.float32],
-    reflected: npt.NDArray[np.float32],
 ) -> None:
-    """Fills `Shading.maps`.
+    """Fills `Shading.share`.
 
     Parameters
     ----------
-    faces
-        Normal, distance of the plane, share of the sun, luma and exponent of the reflection, shape (F, 7).
-    rays, face, share, reflected
-        Images of shape (H, W, ...).
+    planes, rays, face, share
+        As in `Shading`.
     frame
-        Rows: direction to the sun and two across it, and the middle of the shadows, in the camera's axes, shape (4, 3).
+        Rows: two directions across the sun's rays, and the middle of the shadows, in the camera's axes, shape (3, 3).
     density
         The leaves' pattern.
     settings
@@ -255,35 +281,19 @@ def _shade(
     for row in nb.prange(height):
         for column in range(width):
             k = face[row, column]
-            if k < 0 or (faces[k, 4] <= 0 and faces[k, 5] <= 0):
+            if k < 0:
                 continue
             x, y = rays[row, column, 0], rays[row, column, 1]
-            slope = faces[k, 0] * x + faces[k, 1] * y + faces[k, 2]
-            along = faces[k, 3] / slope
-            taken = 0.0
-            if settings[0] > 0:
-                a, b = 0.0, 0.0
-                for axis in range(3):
-                    place = along * (x if axis == 0 else y if axis == 1 else 1.0) - frame[3, axis]
-                    a += frame[1, axis] * place
-                    b += frame[2, axis] * place
-                inside = np.exp(-0.5 * (a * a + b * b) * settings[1] * settings[1])
-                if inside > 1e-3:
-                    cells = settings[2]
-                    first = _between(density, (a + settings[3]) * cells, (b + settings[4]) * cells)
-                    second = _between(density, (b + settings[5]) * cells, (a + settings[6]) * cells)
-                    taken = settings[0] * inside * (1 - (1 - first) * (1 - second))
-            share[row, column] = 1 - faces[k, 4] * taken
-            if faces[k, 5] > 0:
-                # Half-way between the sun and the camera; the normal is turned to the camera.
-                size = np.sqrt(x * x + y * y + 1)
-                h = frame[0, 0] - x / size, frame[0, 1] - y / size, frame[0, 2] - 1 / size
-                cosine = (faces[k, 0] * h[0] + faces[k, 1] * h[1] + faces[k, 2] * h[2]) / np.sqrt(
-                    h[0] * h[0] + h[1] * h[1] + h[2] * h[2]
-                )
-                cosine = -cosine if slope > 0 else cosine
-                if cosine > 0:
-                    reflected[row, column] = faces[k, 5] * cosine ** faces[k, 6] * (1 - taken)
+            along = planes[k, 3] / (planes[k, 0] * x + planes[k, 1] * y + planes[k, 2])
+            px, py, pz = along * x - frame[2, 0], along * y - frame[2, 1], along - frame[2, 2]
+            a = frame[0, 0] * px + frame[0, 1] * py + frame[0, 2] * pz
+            b = frame[1, 0] * px + frame[1, 1] * py + frame[1, 2] * pz
+            inside = np.exp(-0.5 * (a * a + b * b) * settings[1] * settings[1])
+            if inside > 1e-3:
+                cells = settings[2]
+                first = _between(density, (a + settings[3]) * cells, (b + settings[4]) * cells)
+                second = _between(density, (b + settings[5]) * cells, (a + settings[6]) * cells)
+                share[row, column] = 1 - settings[0] * inside * (1 - (1 - first) * (1 - second))
 
 
 @nb.njit(error_model="numpy", forceinline=True)

@@ -1,6 +1,6 @@
 """Images of a scene by casting a ray through each pixel; exact to a few thousandths of a pixel in what moves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from vfm_sdm.studies.synthetic.cast_arrays import (
     CastArrays,
 )
 from vfm_sdm.studies.synthetic.edges import smooth_edges
+from vfm_sdm.studies.synthetic.lighting import compute_reflection
 from vfm_sdm.studies.synthetic.raycast import mark_tiles, move_pixels, render_pixels
 from vfm_sdm.studies.synthetic.scene import GUARD, Face, Scene
 
@@ -378,11 +379,31 @@ def _cast_arrays(
     return CastArrays(
         faces=np.column_stack([seen, offset, lengths, density, table, reach, guard, axes[:, 1:, 2]]),
         layout=np.column_stack([first, texels, stations.first, stations.count]).astype(np.int64),
-        coefficients=np.concatenate([spline.ravel() for spline in scene.splines]),
+        coefficients=np.concatenate([spline.ravel() for spline in _splines(scene, camera)]),
         rays=_pixel_rays(camera),
         candidates=np.zeros((1, 1, 1), np.int64),
         sky=np.ascontiguousarray(sky, np.float32),
     )
+
+
+def _splines(scene: Scene, camera: Camera) -> Iterator[npt.NDArray[np.float32]]:
+    """Coefficients of the textures of all faces with the reflections that this camera sees."""
+    for face, spline in zip(scene.faces, scene.splines, strict=True):
+        if scene.light is None or face.gloss[0] == 0:
+            yield spline
+            continue
+        rows, columns = spline.shape
+        along = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) - GUARD
+        normal = np.cross(face.edge_u, face.edge_v)
+        # A reflection is so smooth that its values are its coefficients.
+        reflected = compute_reflection(
+            scene.light,
+            face.gloss,
+            normal=normal / np.linalg.norm(normal),
+            points3d=face.points3d(along / face.texture.texels_per_m),
+            center=camera.center,
+        )
+        yield (spline + reflected).astype(np.float32)
 
 
 def _face_axes(scene: Scene) -> FloatArray:

@@ -118,10 +118,9 @@ class Face:
         Whether it moves with the structure.
     tint
         Blue and red chroma difference from grey, units of 8 bits.
-    sun_share
-        Share of its light that comes from the sun, which a moving shadow takes [1].
     gloss
-        Luma of the sun's reflection where the face mirrors it, and exponent of its fall, as in Blinn's model.
+        Luma of the sun's reflection where the face mirrors it, and exponent of its fall
+        (`vfm_sdm.studies.synthetic.lighting.compute_reflection`).
 
     Raises
     ------
@@ -136,7 +135,6 @@ class Face:
     texture: Texture
     moving: bool = False
     tint: tuple[float, float] = (0.0, 0.0)
-    sun_share: float = 0.0
     gloss: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:

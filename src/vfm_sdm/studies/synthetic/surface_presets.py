@@ -93,7 +93,7 @@ def _make_motion(surface: _Surface, duration_s: float) -> ForcedMotion:
 def _surface_1(image_size: tuple[int, int]) -> _Surface:
     """Sea-green gloss paint, weathered concrete, red brick; low sun along the bridge."""
     paint = Material(72, 3.2, tint=(2, -12), slope=0.3, stains=1.2, stain_depth=(2, 9), gloss=(26.0, 9.0))
-    concrete = Material(108, 3.5, tint=(-4, 2), longest_m=0.8, slope=1.1, stains=2.5, stain_depth=(3, 12))
+    concrete = Material(120, 3.5, tint=(-4, 2), longest_m=0.8, slope=1.1, stains=2.5, stain_depth=(3, 12))
     surfaces = Surfaces(
         paint=paint,
         bolt=Material(32, 5.0, tint=(-3, 5), stains=0.0, gloss=(20.0, 12.0)),
@@ -144,21 +144,21 @@ def _surface_1(image_size: tuple[int, int]) -> _Surface:
         light=Light(
             (-0.42, -0.42, 0.80),
             sun=0.72,
-            canopy=Canopy((9.5, -0.9, 21.0), 0.75, leaf_m=0.13, depth=0.75, sway_m=0.04, seed=7),
+            canopy=Canopy((9.5, -0.9, 21.0), 0.65, leaf_m=0.13, depth=0.45, sway_m=0.04, seed=7),
         ),
         support_m=10.2,
         span_m=16.2,
         image_size=image_size,
     )
     photometry = Photometry(
-        aperture_mm=14.0, focus_m=23.5, vignetting=0.22, full_well_e=6500, read_noise_e=6, shoulder=0.5
+        aperture_mm=14.0, focus_m=23.5, vignetting=0.22, full_well_e=6500, read_noise_e=6, shoulder=1.3
     )
     return _Surface(
         description="telephoto; gloss paint, weathered concrete, bolts, railing before brick; moving shadows",
         site=site,
         recordings=(
-            Recording(exposure_s=1 / 250, noise_std=0.0, crf=20, photometry=photometry),
-            Recording(exposure_s=1 / 250, noise_std=0.0, crf=20, photometry=photometry, start_s=0.1462),
+            Recording(exposure_s=1 / 250, noise_std=0.0, crf=19, photometry=photometry),
+            Recording(exposure_s=1 / 250, noise_std=0.0, crf=19, photometry=photometry, start_s=0.1462),
         ),
         people=(
             Pedestrian("jumping", 74, 3.05, 0.7, 0.55, contact_ratio=0.5, seed=51),
@@ -173,7 +173,7 @@ def _surface_2(image_size: tuple[int, int]) -> _Surface:
     """Iron-oxide paint, board-marked pale concrete, sandstone; wider lenses, larger convergence, high sun."""
     surfaces = Surfaces(
         paint=Material(52, 2.0, tint=(-8, 18), slope=0.5, stains=2.5, stain_depth=(2, 10), gloss=(14.0, 6.0)),
-        bolt=Material(60, 8.0, tint=(-4, 10), gloss=(12.0, 8.0)),
+        bolt=Material(165, 14.0, tint=(2, -1), gloss=(30.0, 8.0)),
         deck=Material(125, 5.0, tint=(-2, 1), longest_m=0.5, slope=0.8, stains=4.0, stain_depth=(4, 18)),
         abutment=Material(92, 7.0, tint=(-8, 5), longest_m=0.7, slope=0.9, stains=6.0, stain_depth=(5, 25)),
         railing=Material(40, 2.0, tint=(-2, -6), slope=0.5, gloss=(18.0, 10.0)),
@@ -203,7 +203,7 @@ def _surface_2(image_size: tuple[int, int]) -> _Surface:
                 (0.0, 0.0, 0.0),
                 10.4,
                 3450.0,
-                (3.6, -0.4),
+                (4.2, -0.4),
                 principal_px=(-9.0, 6.5),
                 distortion=(-0.12, 0.09, -0.0012, 0.0009, 0.0),
             ),
@@ -220,7 +220,7 @@ def _surface_2(image_size: tuple[int, int]) -> _Surface:
         light=Light(
             (-0.55, -0.80, 0.25),
             sun=0.6,
-            canopy=Canopy((7.6, -1.1, 9.6), 0.9, leaf_m=0.16, depth=0.6, sway_m=0.07, seed=17),
+            canopy=Canopy((7.6, -1.1, 9.6), 0.7, leaf_m=0.16, depth=0.35, sway_m=0.07, seed=17),
         ),
         support_m=-2.4,
         span_m=15.2,
@@ -239,8 +239,8 @@ def _surface_2(image_size: tuple[int, int]) -> _Surface:
         description="wider lenses; matt paint, pale concrete, bolts, railing before ashlar; moving shadows",
         site=site,
         recordings=(
-            Recording(exposure_s=1 / 500, noise_std=0.0, crf=21, photometry=photometry, start_s=0.0),
-            Recording(exposure_s=1 / 500, noise_std=0.0, crf=21, photometry=photometry, start_s=-0.2291),
+            Recording(exposure_s=1 / 500, noise_std=0.0, crf=20, photometry=photometry, start_s=0.0),
+            Recording(exposure_s=1 / 500, noise_std=0.0, crf=20, photometry=photometry, start_s=-0.2291),
         ),
         people=(
             Pedestrian("running", 76, 2.95, 0.7, 0.2, speed_m_s=2.2, seed=61),
