@@ -77,7 +77,7 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
     for view, image in inputs.frames.items():
         for point in inputs.moving:
             u, v = inputs.cameras.points["position"].sel(view=view, point=point).values
-            design = _find_design(inputs.tracks[view], point, inputs.session.method.subset_px)
+            design = _find_design(inputs.tracks[view], point, inputs.session.method.usual_subset_px)
             gain = _measure_gain(image, (float(u), float(v)), design)
             if np.isfinite(gain):
                 found[f"{point} in {view}"] = abs(gain - 1)

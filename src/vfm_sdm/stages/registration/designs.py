@@ -8,8 +8,10 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.errors import DatasetError, SessionError
 
-__all__ = ["FEWEST_BELIEVED_PX", "SubsetDesign", "Warp", "check_subset_px"]
+__all__ = ["FEWEST_BELIEVED_PX", "USUAL_SUBSET_PX", "SubsetDesign", "Warp", "check_subset_px"]
 
+USUAL_SUBSET_PX = 41
+"""Side of a subset where nobody names or chooses one [px]."""
 FEWEST_BELIEVED_PX = 24
 """Three pixels for each of the eight numbers that an affine registration takes: six of the warp, gain and bias."""
 _HIGHEST_SHADING = 5
@@ -63,7 +65,7 @@ class SubsetDesign:
     [0.6, 0.0, 0.0, 0.8, 0.0, 0.0]
     """
 
-    subset_px: int = 41
+    subset_px: int = USUAL_SUBSET_PX
     warp: Warp = Warp.AFFINE
     across: FloatArray | None = None
     mask: BoolArray | None = None

@@ -77,6 +77,7 @@ class IcgnTracker:
     """
 
     name = "icgn"
+    compares_designed_subsets = True
 
     def __init__(
         self,
