@@ -14,6 +14,8 @@ __all__ = ["SplitSubsets"]
 _LEAST_SIDE_PX = 11
 _EVERY = 4
 """Frames between two measurements: enough for a root mean square, at a small part of the tracking's cost."""
+_OFTEN = 0.8
+"""Share of the frames that show the whole in which both halves have to be found."""
 
 
 class SplitSubsets:
@@ -44,6 +46,7 @@ class SplitSubsets:
             self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
         self._found: list[FloatArray] = []
         self._covariances: list[FloatArray] = []
+        self._tried = np.zeros(len(whole), np.int64)
 
     def advance(self, luma: LumaArray, found: RawRegistration) -> None:
         """Takes the next frame, and where the whole subsets were found in it.
@@ -58,12 +61,20 @@ class SplitSubsets:
         difference, covariance = np.full((len(self._whole), 2), np.nan), np.full((len(self._whole), 2, 2), np.nan)
         if self._bank is not None and len(self._found) % _EVERY == 0:
             difference, covariance = self._measure(self._bank, luma, found)
+            self._tried += found.converged
         self._found.append(difference)
         self._covariances.append(covariance)
 
     def differences(self) -> FloatArray:
-        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked."""
-        return np.stack(self._found)
+        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked.
+
+        Halves of designed subsets that are often not found have too little to follow, and are NaN throughout.
+        """
+        found = np.stack(self._found)
+        if self._whole.designs is None:
+            return found
+        often = np.isfinite(found).all(axis=2).sum(axis=0) >= _OFTEN * self._tried
+        return np.where(often[:, None], found, np.nan)
 
     def covariances(self) -> FloatArray:
         """Covariances of these differences, shape (T, P, 2, 2) [px2]; NaN where the subsets were not designed."""
