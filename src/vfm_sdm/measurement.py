@@ -19,6 +19,7 @@ from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import code_modules, make, settings_read
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.inputs.session import FirstFrames, Session, input_files, open_views, session_hash, write_session
@@ -197,11 +198,12 @@ class Measurement(Chain[Session]):
             *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start"),
             *("point.name", "point.static", "method.synchronization"),
         ),
-        needs=("steady",),
+        needs=("cameras", "steady"),
     )
     def aligned(self, session: Session) -> xr.Dataset:
         """Tracks of all views on the reference view's clock, and what is known of each view's clock."""
-        return synchronize_tracks(session, self.steady.tracks)
+        known = self.cameras.rig if self.cameras.status == CameraStatus.OK else None
+        return synchronize_tracks(session, self.steady.tracks, known)
 
     @product(reads=("method.refinement", "method.sgr", "method.still_interval_s"), needs=("cameras", "aligned"))
     def refinement(self, session: Session) -> Refinement | None:

@@ -139,7 +139,7 @@ def test_a_changed_setting_runs_only_what_depends_on_it(recording, tmp_path):
     "method", [{"tracker": "icgn"}, {"tracker": "template"}, {"tracker": "icgn", "cameras": "file"}]
 )
 def test_each_product_is_made_once_and_each_recording_decoded_once(recorded, tmp_path, monkeypatch, method):
-    """A first frame for cameras and points, and the one pass that these trackers need beside a look of bounded length."""
+    """A first frame for cameras and points, a look of bounded length, and the one pass that these trackers need."""
     counted = count_passes(monkeypatch)
     session = read_session(recorded)
     chosen = session.model_copy(update={"method": session.method.model_copy(update=method)})

@@ -34,7 +34,7 @@ from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
-from vfm_sdm.outputs.results import write_export
+from vfm_sdm.outputs.results import first_cause, write_export
 from vfm_sdm.studies.protocol import run_benchmark
 from vfm_sdm.studies.synthetic.presets import PRESETS, PresetName
 
@@ -114,10 +114,11 @@ def measure_command(
     for part in reports.measurement_report(result):
         _out.print(part)
     _say(f"written: {output} (figures in {output / 'figures'})")
-    if result.displacement is None:
-        _fail(f"no displacement: {result.cameras.status}")
-    for form in export:
-        _say(f"written: {write_export(form, output, result.displacement)}")
+    if result.displacement is not None:
+        for form in export:
+            _say(f"written: {write_export(form, output, result.displacement)}")
+    if cause := first_cause(result.cameras, result.tracks, result.displacement):
+        _fail(f"no sample is ok: {cause}")
 
 
 @app.command

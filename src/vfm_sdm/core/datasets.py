@@ -10,7 +10,8 @@ tracks
     ``edge_across`` (point, pixel), the unit vector across a point that is measured across an edge only, else NaN: along
     the edge its position is that of the reference frame, with the standard deviation `UNMEASURED_STD_PX`.
     With a leading dim ``view`` the tracks share one clock, and what is known of each view's own clock are variables on
-    ``view``: ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``.
+    ``view``: ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``;
+    and ``clock_use`` (view, point).
 displacement
     dims ``time, point, axis``; ``displacement`` [mm], ``displacement_std`` [mm] (random part), ``scale_std`` [1]
     (systematic part, dims ``point, axis``), ``position`` [m], ``reprojection_error`` [px], ``status``.
