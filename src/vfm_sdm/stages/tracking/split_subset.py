@@ -6,12 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.covariances import judged_std
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign
 
 __all__ = ["SplitSubsets"]
 
 _LEAST_SIDE_PX = 11
+_TOLD_PX = 0.1
+"""Stated standard deviation up to which a half says where it is [px]."""
+_MOSTLY = 0.5
 _EVERY = 4
 """Frames between two measurements: enough for a root mean square, at a small part of the tracking's cost."""
 
@@ -60,8 +64,13 @@ class SplitSubsets:
         self._found.append(difference)
 
     def differences(self) -> FloatArray:
-        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked."""
-        return np.stack(self._found)
+        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked.
+
+        A half that has too little texture to be compared, in a frame or in most of them, is not.
+        """
+        found = np.stack(self._found)
+        often = np.isfinite(found[::_EVERY]).all(axis=2).mean(axis=0) > _MOSTLY
+        return np.where(often[None, :, None], found, np.nan)
 
     def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> FloatArray:
         affine = np.where(found.converged[:, None], found.warps[:, 2:], np.nan).reshape(-1, 2, 2)
@@ -70,7 +79,9 @@ class SplitSubsets:
         start = np.concatenate([middle - step, middle + step]) - (both @ bank.offset[..., None])[..., 0]
         rows = np.arange(len(bank))
         raw = bank.run(luma, rows, np.concatenate([start, both.reshape(-1, 4)], axis=1), executor=self._executor)
-        place = np.where(raw.converged[:, None], bank.position(rows, raw.warps), np.nan)
+        registered = bank.interpret(raw)
+        told = judged_std(registered.covariance, bank.edge_across) <= _TOLD_PX
+        place = np.where(told[:, None], registered.position, np.nan)
         left, right = np.split(place, 2)
         return np.asarray(right - left - 2 * self._apart)
 
