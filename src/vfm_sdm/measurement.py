@@ -169,7 +169,6 @@ class Measurement(Chain[Session]):
     )
     def expectation(self, session: Session) -> dict[str, xr.Dataset]:
         """What named pixels should measure and how well, by view, before anything else is known of them."""
-        self._say("expectation")
         named: dict[str, dict[str, FloatArray]] = {}
         for point in session.point:
             for view, pixel in {point.view: point.pixel, **point.pixel_in}.items():
@@ -180,7 +179,6 @@ class Measurement(Chain[Session]):
     @product(needs=("recordings", "points"), parts=("trackers",))
     def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
         """What the subset of every point compares, by view and point; empty for trackers that compare none."""
-        self._say("subsets")
         found = {}
         for view in self.points["view"].values.tolist():
             position = self.points["position"].sel(view=view)
@@ -423,6 +421,7 @@ class Measurement(Chain[Session]):
         keys = {name: (view, *place.tolist(), subset_px) for name, place in places.items()}
         missing = [name for name, key in keys.items() if key not in self._choices]
         if missing:
+            self._say(f"subsets {view}")
             points2d = np.array([places[name] for name in missing])
             found = design_subsets(self.recordings[view], points2d, missing, subset_px=subset_px)
             self._choices |= {keys[name]: choice for name, choice in zip(missing, found, strict=True)}

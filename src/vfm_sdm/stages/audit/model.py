@@ -182,7 +182,8 @@ class AuditInputs:
         tracks = self.given.get("tracks")
         if not isinstance(tracks, Mapping):
             return False
-        views = [one for one in tracks.values() if "subset_status" in one and point in one["point"].values]
+        designed = [one for one in tracks.values() if isinstance(one, xr.Dataset) and "subset_status" in one]
+        views = [one for one in designed if point in one["point"].values]
         refused = [one["subset_status"].sel(point=point).item() == PointStatus.NO_TEXTURE for one in views]
         return any(refused) and len(tracks) - sum(refused) < min(2, len(tracks))
 

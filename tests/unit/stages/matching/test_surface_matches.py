@@ -4,8 +4,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, shift
 
 from vfm_sdm.stages.matching.detection import detect_features
-from vfm_sdm.stages.matching.surface_matches import match_through
 from vfm_sdm.stages.matching.smooth import agree_smoothly
+from vfm_sdm.stages.matching.surface_matches import match_through
 
 
 def textured(seed, shape=(300, 420)):
