@@ -5,14 +5,17 @@ said of them. Any product can be asked for alone; what it needs is made before i
 cameras and tracks whose inputs have not changed are read from it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.files import file_fingerprint
-from vfm_sdm.core.netcdf import read_tracks, write_points, write_tracks
+from vfm_sdm.core.netcdf import read_dataset, read_tracks, write_dataset, write_points, write_tracks
 from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.core.progress import Progress
@@ -33,6 +36,10 @@ from vfm_sdm.stages.displacement.result import add_facts, state_uncertainty
 from vfm_sdm.stages.displacement.stereo import compute_displacement
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
 from vfm_sdm.stages.synchronize import synchronize_tracks
+from vfm_sdm.stages.tracking.base import DesignedTracker
+from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
+from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
+from vfm_sdm.stages.tracking.track_noise import include_static_noise
 from vfm_sdm.stages.tracking.views import track_views
 
 __all__ = ["Measurement", "measure"]
@@ -50,6 +57,15 @@ def _write_cameras(path: Path, solution: CameraSolution, marks: Mapping[str, str
 
 def _write_tracks(path: Path, tracks: Mapping[str, xr.Dataset], marks: Mapping[str, str]) -> None:
     write_tracks(path.parent, {view: of_view.assign_attrs(key=marks["key"]) for view, of_view in tracks.items()})
+
+
+def _read_injection(path: Path) -> tuple[xr.Dataset, str]:
+    found = read_dataset(path, lambda dataset: dataset, kind="injection", command="vfm-sdm measure")
+    return found, str(found.attrs.pop("key", ""))
+
+
+def _write_injection(path: Path, found: xr.Dataset, marks: Mapping[str, str]) -> None:
+    write_dataset(path, found.assign_attrs(key=marks["key"]))
 
 
 def _write_points(path: Path, points: xr.Dataset, marks: Mapping[str, str]) -> None:
@@ -99,6 +115,7 @@ class Measurement(Chain[Session]):
         self._session, self._whole_files = session, whole_files
         self._hashes: dict[Path, str] = {}
         self._parts: dict[str, Any] = {}
+        self._choices: dict[tuple[Any, ...], SubsetChoice] = {}
 
     @property
     def session(self) -> Session:
@@ -122,7 +139,8 @@ class Measurement(Chain[Session]):
 
     @product(
         reads=(
-            *("view.name", "view.images", "view.lens", "view.camera", "view.level"),
+            *("view.name", "view.images", "view.lens", "view.camera", "view.level", "view.stands"),
+            *("view.perpendicular_distance", "view.longitudinal_distance"),
             *("site", "point", "chessboard", "method.subset_px"),
         ),
         needs=("frames",),
@@ -145,22 +163,76 @@ class Measurement(Chain[Session]):
         return self.cameras.points
 
     @product(
-        needs=("recordings", "points"),
+        reads=("point.name", "point.view", "point.pixel", "point.pixel_in"),
+        needs=("recordings",),
+        parts=("trackers",),
+    )
+    def expectation(self, session: Session) -> dict[str, xr.Dataset]:
+        """What named pixels should measure and how well, by view, before anything else is known of them."""
+        self._say("expectation")
+        named: dict[str, dict[str, FloatArray]] = {}
+        for point in session.point:
+            for view, pixel in {point.view: point.pixel, **point.pixel_in}.items():
+                named.setdefault(view, {})[point.name] = np.array(pixel)
+        chosen = {view: self._choose(view, places, session.method.subset_px) for view, places in named.items()}
+        return {view: describe_subsets(list(of), list(of.values())) for view, of in chosen.items()}
+
+    @product(needs=("recordings", "points"), parts=("trackers",))
+    def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
+        """What the subset of every point compares, by view and point; empty for trackers that compare none."""
+        self._say("subsets")
+        found = {}
+        for view in self.points["view"].values.tolist():
+            position = self.points["position"].sel(view=view)
+            places = {str(name): position.sel(point=name).values for name in position["point"].values}
+            known = {name: place for name, place in places.items() if np.isfinite(place).all()}
+            found[view] = self._choose(view, known, session.method.subset_px)
+        return found
+
+    @product(
+        needs=("recordings", "points", "subsets"),
         parts=("trackers",),
         kept=Kept("tracks.nc", _read_tracks, _write_tracks),
         label="tracking",
     )
     def tracks(self, session: Session) -> dict[str, xr.Dataset]:
         """Tracks of all points by view, each on its own clock."""
-        return track_views(self.recordings, self.points, self.part("trackers"), progress=self._say)
+        tracker = self.part("trackers")
+        return track_views(self.recordings, self.points, tracker, subsets=self.subsets, progress=self._say)
+
+    @product(
+        reads=("method.injection",),
+        needs=("recordings", "tracks", "subsets"),
+        parts=("trackers",),
+        kept=Kept("injection.nc", _read_injection, _write_injection),
+    )
+    def injection(self, session: Session) -> xr.Dataset | None:
+        """Gain and noise of every point, by motion put into the recordings; ``None`` where it was not asked for.
+
+        Tracks of another program are taken as they are.
+        """
+        if not session.method.injection or "tracks" in self.were_given:
+            return None
+        tracker = self.part("trackers")
+        return inject_views(self.recordings, self.tracks, tracker, subsets=self.subsets, progress=self._say)
+
+    @product(needs=("tracks", "injection"))
+    def injected(self, session: Session) -> dict[str, xr.Dataset]:
+        """Tracks with their motion at its true size, where injection shows what is missing."""
+        return correct_tracks(self.tracks, self.injection)
 
     # C: the cameras' own motion taken out, one clock, displacement.
 
-    @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "tracks"))
+    @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "injected"))
     def steady(self, session: Session) -> CameraMotion:
-        """Tracks without the motion of the cameras that static points show, and that motion."""
-        static = [p.name for p in session.point if p.static and session.method.camera_motion == "remove"]
-        return steady_tracks(self.tracks, self.cameras.rig, static)
+        """Tracks without the motion of the cameras that static points show, and that motion.
+
+        What static points show beyond that is noise of every point.
+        """
+        static = [p.name for p in session.point if p.static]
+        removed = static if session.method.camera_motion == "remove" else []
+        motion = steady_tracks(self.injected, self.cameras.rig, removed)
+        return replace(motion, tracks=include_static_noise(motion.tracks, static))
 
     @product(
         reads=(
@@ -197,7 +269,7 @@ class Measurement(Chain[Session]):
             *("view.name", "point.name", "point.pixel", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
-        needs=("cameras", "tracks", "steady", "aligned", "refinement", "unrefined"),
+        needs=("cameras", "injected", "steady", "aligned", "refinement", "unrefined"),
         kept=Kept("displacement.nc", None, _write_displacement, beside=("displacement.csv",)),
     )
     def displacement(self, session: Session) -> xr.Dataset | None:
@@ -207,7 +279,7 @@ class Measurement(Chain[Session]):
         """
         rig = self.cameras.rig
         if rig is None and len(session.view) == 1 and session.site.length:
-            return measure_planar(session, self.tracks[session.view[0].name])
+            return measure_planar(session, self.injected[session.view[0].name])
         if rig is None or self.unrefined is None:
             return None
         refined = self.unrefined
@@ -344,6 +416,18 @@ class Measurement(Chain[Session]):
             self._parts[kind] = make(kind, self._session.resolved_method)
         return self._parts[kind]
 
+    def _choose(self, view: str, places: Mapping[str, FloatArray], subset_px: int | None) -> dict[str, SubsetChoice]:
+        """Subsets of points at places (2,) [px] of a view, by name, each looked at once; none without use for them."""
+        if not isinstance(self.part("trackers"), DesignedTracker):
+            return {}
+        keys = {name: (view, *place.tolist(), subset_px) for name, place in places.items()}
+        missing = [name for name, key in keys.items() if key not in self._choices]
+        if missing:
+            points2d = np.array([places[name] for name in missing])
+            found = design_subsets(self.recordings[view], points2d, missing, subset_px=subset_px)
+            self._choices |= {keys[name]: choice for name, choice in zip(missing, found, strict=True)}
+        return {name: self._choices[key] for name, key in keys.items()}
+
     def _triangulated(self, tracks: xr.Dataset, session: Session, refinement: Refinement | None = None) -> xr.Dataset:
         """Displacement of synchronised tracks, refined or not."""
         cameras = self.cameras
@@ -366,7 +450,12 @@ class Measurement(Chain[Session]):
 
 
 def measure(
-    session: Session, folder: Path | str | None = None, *, progress: Progress | None = None, whole_files: bool = False
+    session: Session,
+    folder: Path | str | None = None,
+    *,
+    progress: Progress | None = None,
+    whole_files: bool = False,
+    forecast: Callable[[Mapping[str, xr.Dataset]], None] | None = None,
 ) -> Measurement:
     """The whole way from recordings to displacement.
 
@@ -381,6 +470,8 @@ def measure(
         Called with what is being done.
     whole_files
         Whether large input files are hashed as a whole, see `Measurement`.
+    forecast
+        Called with what the named points should measure (`Measurement.expectation`), before anything else is done.
 
     Returns
     -------
@@ -398,6 +489,8 @@ def measure(
     if measurement.folder is not None:
         _prepare_folder(measurement.folder, session)
         write_session(measurement.folder / "session.resolved.toml", session)
+    if forecast is not None and measurement.expectation:
+        forecast(measurement.expectation)
     for name in ("cameras", "points", "tracks", "displacement", "audit", "figures", "summary"):
         getattr(measurement, name)
     return measurement

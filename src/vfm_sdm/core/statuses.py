@@ -11,6 +11,7 @@ __all__ = [
     "CameraStatus",
     "ClockStatus",
     "ClockUse",
+    "InjectionStatus",
     "Outcome",
     "PointStatus",
     "RecordingStatus",
@@ -57,6 +58,8 @@ class PointStatus(StrEnum):
     NOT_FOUND = "not found in the other view"
     AMBIGUOUS = "several places look alike"
     NOT_RETURNED = "the way back ends elsewhere"
+    NO_TEXTURE = "no texture to follow"
+    """What moves with the point has no texture, across no edge either: it cannot be tracked."""
 
 
 class CameraStatus(StrEnum):
@@ -65,6 +68,8 @@ class CameraStatus(StrEnum):
     OK = "ok"
     ONE_VIEW = "one view: motion in the image plane only"
     TOO_FEW_MATCHES = "too few matches between the views"
+    NOT_CLEAR = "no cameras stand out from chance"
+    """Matches agree with a pose no better than unrelated ones would, as with what repeats."""
     NO_COMMON_SCALE = "too few points seen in three views"
     CONTRADICTION = "focal lengths contradict what is known of the lenses"
     BASELINES_DISAGREE = "chessboard and measured baseline disagree"
@@ -77,6 +82,8 @@ class CameraStatus(StrEnum):
     """No focal prior and nothing measured on site that fixes the focal length: displacement has no usable scale."""
     UNKNOWN_DISTANCE = "distance of a further camera not determined"
     """Too few points are seen in three views, and nothing was measured, to determine the distance of a third camera."""
+    SEVERAL = "several cameras agree with everything known"
+    """The uncertainty spans them; a note names the reading that would decide."""
     NOT_CONVERGED = "site adjustment did not converge"
 
 
@@ -134,10 +141,25 @@ class ClockUse(StrEnum):
     """Its own best lag is another one; it was left out."""
 
 
+class InjectionStatus(StrEnum):
+    """Whether the gain and noise of a point were measured by motion injected into its recording."""
+
+    OK = "ok"
+    NOT_COMPRESSED = "the recording is neither H.264 nor HEVC"
+    TOO_SHORT = "the recording is too short"
+    NO_SUBSET = "the tracker compares no subsets"
+    STILL = "the point does not move beyond its noise"
+    LOST = "the point is lost in the recording, or in what was injected"
+    NO_ENCODER = "no encoder of the recording's codec"
+    """The installed PyAV cannot encode what it can decode."""
+
+
 class RefinementStatus(StrEnum):
     """Result of the refinement of a point; with every status but `OK` its tracks are unchanged."""
 
     OK = "ok"
+    EDGE = "measured across an edge only"
+    """The point's depth comes from where it is measured; a correction along the picture's rows would be none."""
     BOTH_POOR = "both views poor"
     """No view tracks it well enough to serve as the reference."""
     UNKNOWN = "uncertainty unknown"

@@ -141,7 +141,7 @@ class PointFinder:
             (self.frames[source], self.frames[target]),
             pixels,
             expected,
-            subset_px=self.session.method.subset_px,
+            subset_px=self.session.method.usual_subset_px,
             known=Known(given, known),
         )
         return _as_correspondence(places[: len(wanted)])
@@ -160,7 +160,7 @@ class PointFinder:
         return find_correspondences(
             ViewPair((images[matches.first], images[matches.second]), rig, matches),
             np.array([p.pixel for p in points]),
-            subset_px=self.session.method.subset_px,
+            subset_px=self.session.method.usual_subset_px,
             given=given,
             surface=face,
         )
@@ -223,7 +223,8 @@ def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]
     """Matches of every view with the reference view that agree with a known rig."""
     found = []
     for index in range(1, len(images)):
-        first, second = match_features(images[0], images[index])
+        matches = match_features(images[0], images[index])
+        first, second = matches.points_first, matches.points_second
         near = np.abs(sampson_error(first, second, rig, second=index)) < _EPIPOLAR_BAND * images[0].shape[1]
         found.append(Matches(0, index, first[near], second[near]))
     return tuple(found)
