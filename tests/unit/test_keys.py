@@ -55,6 +55,7 @@ READERS = {
     "method.still_interval_s": ("refinement", "unrefined", "displacement", "audit"),
     "method.subset_px": ("expectation", "cameras", "subsets", "tracks", "audit"),
     "method.network": ("audit",),
+    "method.matching": ("cameras", "audit"),
     "method.sfm": ("audit",),
 }
 
@@ -149,6 +150,7 @@ def says(model: Any, path: str) -> bool:
 def other(name: str, value: Any) -> Any:
     """Another value of a field."""
     special = {"tracker": "template", "cameras": "file", "correspondence": "vggt", "video": Path("rig.toml")}
+    special |= {"matching": "xfeat"}
     special |= {"images": "left/*0.png", "camera": Path("other.toml"), "corners": Path("corners.csv"), "view": "right"}
     special |= {"start": datetime(2026, 11, 20, tzinfo=UTC), "range": (), "length": ()}
     if name in special and not isinstance(value, dict):
@@ -231,22 +233,23 @@ def test_settings_of_a_back_end_count_where_it_is_chosen(session, kind, word):
         read = {f"method.{field}" for field in settings_read(kind, method)} | set(Measurement.product(product).reads)
         before = Measurement(chosen).key(product)
         for field in (leaf for leaf in leaves(chosen) if leaf.startswith("method.") and leaf != f"method.{word}"):
-            if field in {"method.cameras", "method.correspondence", "method.sfm.features"}:
+            if field in {"method.cameras", "method.correspondence", "method.matching"}:
                 continue  # these choose other back ends
             counts = any(f"{field}.".startswith(f"{one}.") for one in read)
             differs = Measurement(changed(chosen, field)).key(product) != before
             assert differs == counts or (product == "cameras" and differs), (name, field)
 
 
-def test_features_of_structure_from_motion_are_in_the_key_of_the_cameras(session):
+@pytest.mark.parametrize("cameras", ["two-view", "sfm"])
+def test_who_matches_features_is_in_the_key_of_the_cameras(session, cameras):
     """SIFT's cameras were reused where SuperPoint's had been asked for."""
-    sfm = session.model_copy(update={"method": session.method.model_copy(update={"cameras": "sfm"})})
-    features = sfm.method.sfm.model_copy(update={"features": "superpoint"})
-    learned = sfm.model_copy(update={"method": sfm.method.model_copy(update={"sfm": features})})
-    assert Measurement(sfm).key("cameras") != Measurement(learned).key("cameras")
-    matcher = features.model_copy(update={"matcher": "lightglue"})
-    other_matcher = sfm.model_copy(update={"method": sfm.method.model_copy(update={"sfm": matcher})})
-    assert Measurement(other_matcher).key("cameras") != Measurement(learned).key("cameras")
+
+    def key(matching):
+        method = session.method.model_copy(update={"cameras": cameras, "matching": matching})
+        return Measurement(session.model_copy(update={"method": method})).key("cameras")
+
+    names = ["auto", "sift", "xfeat", "superpoint+lightglue", "superpoint+superglue"]
+    assert len({key(name) for name in names}) == len(names)
 
 
 FILES = {

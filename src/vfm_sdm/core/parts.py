@@ -53,7 +53,7 @@ KINDS: Mapping[Kind, KindInfo] = {
     "trackers": KindInfo("tracker", "trackers", "vfm_sdm.trackers", "tracker", "track"),
     "cameras": KindInfo("cameras", "camera estimators", "vfm_sdm.cameras", "cameras", "estimate"),
     "matchers": KindInfo("correspondence", "matchers of points", "vfm_sdm.matchers", "correspondence", "locate"),
-    "features": KindInfo("features", "matchers of features", "vfm_sdm.features", "sfm.features", "match"),
+    "features": KindInfo("matching", "matchers of features", "vfm_sdm.features", "matching", "match"),
     "writers": KindInfo("export", "output writers", "vfm_sdm.writers"),
     "checks": KindInfo("check", "audit checks", "vfm_sdm.checks"),
 }
@@ -81,11 +81,14 @@ class Needs:
         Names of the packages to import.
     checkpoints
         Registered weights with which the part can run in its default settings, the preferred one first; one is enough.
+    all_checkpoints
+        Registered weights that the part needs all.
     """
 
     extra: str
     packages: tuple[str, ...]
     checkpoints: tuple[str, ...] = ()
+    all_checkpoints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -201,7 +204,7 @@ _TRACKERS = {
 _CAMERAS = {
     "file": Part(_STAGES + "cameras.file:FileCameras", requires=("camera files",)),
     "chessboard": Part(_STAGES + "cameras.chessboard.estimator:ChessboardCameras", requires=("chessboard",)),
-    "two-view": Part(_STAGES + "cameras.two_view:TwoViewCameras", requires=("baseline",)),
+    "two-view": Part(_STAGES + "cameras.two_view:TwoViewCameras", chooses=("features",), requires=("baseline",)),
     "vggt": Part(_STAGES + "cameras.vggt:VggtCameras", _ON_A_DEVICE, needs=_VGGT, requires=("baseline",)),
     "sfm": Part(
         _STAGES + "cameras.sfm:SfmCameras",
@@ -214,13 +217,26 @@ _MATCHERS = {
     "registration": Part(""),  # the search along the epipolar line, which every answer goes through
     "vggt": Part(_STAGES + "matching.network:VggtMatcher", _ON_A_DEVICE, needs=_VGGT),
 }
+_KORNIA = _STAGES + "matching.kornia_features:"
+
+
+def _trained(detector: str, *checkpoints: str) -> Part:
+    needs = Needs("sfm", ("torch", "kornia"), all_checkpoints=checkpoints)
+    return Part(_KORNIA + "KorniaMatcher", ("network.device",), fixed={"detector": detector}, needs=needs)
+
+
+def _superpoint(matcher: str) -> Part:
+    target = _STAGES + "matching.learned_features:superpoint_matcher"
+    return Part(target, ("sfm.model",), fixed={"matcher": matcher}, needs=Needs("sfm", ("torch", "transformers")))
+
+
 _FEATURES = {
-    "sift": Part(""),  # COLMAP's own
-    "superpoint": Part(
-        _STAGES + "matching.learned_features:superpoint_matcher",
-        ("sfm.matcher", "sfm.model"),
-        needs=Needs("sfm", ("torch", "transformers")),
-    ),
+    "auto": Part(_KORNIA + "choose_matcher", ("network.device",)),
+    "sift": Part(""),  # whoever asks has its own
+    "aliked+lightglue": _trained("aliked", "aliked-n16", "aliked-lightglue"),
+    "xfeat": _trained("xfeat", "xfeat", "xfeat-lighterglue"),
+    "superpoint+lightglue": _superpoint("lightglue"),
+    "superpoint+superglue": _superpoint("superglue"),
 }
 _EXPORTS = "vfm_sdm.outputs.results.exports:"
 _WRITERS = {

@@ -51,6 +51,12 @@ def why_unavailable(kind: Kind, name: str) -> str | None:
                 f"expected weights ({' or '.join(needs.checkpoints)}) in {weights_folder()}, got none; "
                 f"run `vfm-sdm weights fetch {needs.checkpoints[0]}`"
             )
+        for known in needs.all_checkpoints:
+            if not local_weights(known).is_file():
+                return (
+                    f"expected weights ({' and '.join(needs.all_checkpoints)}) in {weights_folder()}, got no {known}; "
+                    f"run `vfm-sdm weights fetch {known}`"
+                )
     return None
 
 

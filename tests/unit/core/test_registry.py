@@ -12,7 +12,7 @@ from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.core.parts import BUILT_IN, KINDS, Kind, Part, PartSettings
 from vfm_sdm.core.registry import code_modules, find, make, part_names, settings_read, table_names
 from vfm_sdm.errors import BackendUnavailableError, SessionError, VfmSdmError
-from vfm_sdm.inputs.session import Method, Network, Sfm
+from vfm_sdm.inputs.session import Method, Network
 from vfm_sdm.networks.availability import why_unavailable
 from vfm_sdm.stages.tracking.base import find_tracker
 
@@ -46,7 +46,7 @@ class TestBuiltIn:
 
     @pytest.mark.parametrize(("kind", "name"), EVERY, ids=lambda word: word)
     def test_it_reads_fields_that_there_are(self, kind, name):
-        if not KINDS[kind].field or kind == "features":
+        if not KINDS[kind].field:
             return
         settings = settings_read(kind, Method(**{KINDS[kind].field: name}))
         assert settings[KINDS[kind].field] == name
@@ -76,7 +76,8 @@ class TestSettings:
             "network.preset": "paper",
             "subset_px": 31,
         }
-        assert settings_read("cameras", method) == {"cameras": "two-view"}
+        plain = method.model_copy(update={"matching": "sift"})
+        assert settings_read("cameras", plain) == {"cameras": "two-view", "matching": "sift"}
         assert settings_read("matchers", method) == {"correspondence": "registration"}
         assert settings_read("trackers", Method(tracker="tapir", network=method.network)) == {
             "tracker": "tapir",
@@ -85,12 +86,12 @@ class TestSettings:
         }
 
     def test_settings_of_a_part_that_another_one_uses_are_among_them(self):
-        assert settings_read("cameras", Method(cameras="sfm")) == {"cameras": "sfm", "sfm.features": "sift"}
-        learned = Method(cameras="sfm", sfm=Sfm(features="superpoint", matcher="lightglue"))
+        plain = Method(cameras="sfm", matching="sift")
+        assert settings_read("cameras", plain) == {"cameras": "sfm", "matching": "sift"}
+        learned = Method(cameras="sfm", matching="superpoint+lightglue")
         assert settings_read("cameras", learned) == {
             "cameras": "sfm",
-            "sfm.features": "superpoint",
-            "sfm.matcher": "lightglue",
+            "matching": "superpoint+lightglue",
             "sfm.model": None,
         }
         assert code_modules("cameras", learned) == (

@@ -103,19 +103,10 @@ class Network(Entry):
 
 
 class Sfm(Entry):
-    """Settings of the camera estimator ``sfm``: features and their matcher."""
+    """Settings of matching by SuperPoint."""
 
-    features: Annotated[str, _named("features")] = "sift"
-    matcher: Literal["superglue", "lightglue"] | None = None
-    """Matcher of SuperPoint's features; SuperGlue by default, as in the paper."""
     model: Name | None = None
     """Folder of the matcher's checkpoint; the published one in the download cache by default."""
-
-    @model_validator(mode="after")
-    def _learned(self) -> Self:
-        if self.features == "sift" and (self.matcher or self.model):
-            raise ValueError('expected features = "superpoint" for a matcher or model, got "sift"; add it')
-        return self
 
 
 class Method(Entry):
@@ -141,8 +132,19 @@ class Method(Entry):
     correspondence: Annotated[str, _named("matchers")] = "registration"
     """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
     VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
+    matching: Annotated[str, _named("features")] = "auto"
+    """Who matches features of first frames for cameras; a trained network where one is here, else SIFT."""
     network: Network = Network()
     sfm: Sfm = Sfm()
+
+    @model_validator(mode="after")
+    def _model_is_used(self) -> Self:
+        if self.sfm.model and not self.matching.startswith("superpoint"):
+            raise ValueError(
+                f"expected matching = 'superpoint+lightglue' or 'superpoint+superglue' for sfm.model, got "
+                f"{self.matching!r}; correct it"
+            )
+        return self
 
     @model_validator(mode="before")
     @classmethod
@@ -150,6 +152,7 @@ class Method(Entry):
         """The fields with the tables of all chosen parts, each with its name."""
         if not isinstance(fields, Mapping):
             return fields
+        fields = _with_matching(fields)
         own = {key: value for key, value in fields.items() if key in cls.model_fields}
         tables = {key: _RawTable(key, value) for key, value in fields.items() if key not in own}
         unsaid = {name: _RawTable(name, {}) for name in cls._with_settings(own) if name not in fields}
@@ -175,6 +178,22 @@ class Method(Entry):
     def tables(self) -> dict[str, BaseModel]:
         """Settings of parts by the parts' names."""
         return dict(self.model_extra or {})
+
+
+def _with_matching(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields with ``matching`` in place of ``sfm.features`` and ``sfm.matcher``, as it was written before."""
+    sfm = fields.get("sfm")
+    if not isinstance(sfm, Mapping) or "features" not in sfm:
+        return dict(fields)
+    named = sfm["features"]
+    if named == "superpoint":
+        named = f"superpoint+{sfm.get('matcher', 'superglue')}"
+    rest = {key: value for key, value in sfm.items() if key not in ("features", "matcher")}
+    if fields.get("matching", named) != named:
+        raise ValueError(
+            f"expected features in one place, got matching and sfm.features = {named!r}; remove the latter"
+        )
+    return {**fields, "matching": named, "sfm": rest}
 
 
 def _raw_name(fields: Mapping[str, Any], dotted: str) -> str | None:

@@ -19,6 +19,7 @@ from vfm_sdm.stages.cameras.relative_pose import (
     estimate_relative_pose,
     measure_agreement,
 )
+from vfm_sdm.stages.matching.base import FeatureMatcher
 from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
@@ -118,7 +119,11 @@ class RelatedView:
 
 
 def relate_to_first(
-    session: Session, frames: Mapping[str, LumaArray], cameras: Sequence[Camera]
+    session: Session,
+    frames: Mapping[str, LumaArray],
+    cameras: Sequence[Camera],
+    *,
+    matcher: FeatureMatcher | None = None,
 ) -> Iterator[list[RelatedView]]:
     """Poses of every further view beside the first one, each view by itself.
 
@@ -130,6 +135,8 @@ def relate_to_first(
         Luma by view name, shape (H, W) each, in the session's order.
     cameras
         Intrinsics and distortion of each [px, 1].
+    matcher
+        What matches features; SIFT by default.
     """
     images = quiet_frames(frames)
     first, *others = images
@@ -143,7 +150,7 @@ def relate_to_first(
                 known, baseline_m=baseline.value, face=face if index == 1 else None, readings=readings[name]
             )
         pair = (images[first], images[name]), (cameras[0], cameras[index])
-        related = relate_view((first, name), *pair, index, known)
+        related = relate_view((first, name), *pair, index, known, matcher=matcher)
         yield [one if one.matches is known.named else replace(one, named=known.named) for one in related]
 
 
@@ -153,6 +160,8 @@ def relate_view(
     cameras: tuple[Camera, Camera],
     index: int,
     known: Known,
+    *,
+    matcher: FeatureMatcher | None = None,
 ) -> list[RelatedView]:
     """Poses of a further view that its matches with the first one allow.
 
@@ -168,13 +177,15 @@ def relate_view(
         Index of the further view in the rig.
     known
         What the site tells of the poses.
+    matcher
+        What matches features; SIFT by default.
 
     Returns
     -------
     related
         One for each pose, the clearest first; at least one, with a fault where no pose stands out from chance.
     """
-    found = match_features(*images)
+    found = match_features(*images) if matcher is None else matcher.match(images)[0, 1]
     matches = Matches(0, index, found.points_first, found.points_second)
     free = _relate_freely(names, matches, cameras)
     by_hand = _relate_by_hand(known, cameras)

@@ -25,6 +25,7 @@ from vfm_sdm.stages.cameras.priors import CameraPriors, read_priors
 from vfm_sdm.stages.cameras.related_views import MIN_INLIERS
 from vfm_sdm.stages.matching.base import FeatureMatcher
 from vfm_sdm.stages.matching.detection import to_eight_bit
+from vfm_sdm.stages.matching.features import FeatureMatches
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["SfmCameras"]
@@ -161,15 +162,15 @@ class _Workspace:
             self._path, verification_options=self._make_verification_options(), device=colmap.Device.cpu
         )
 
-    def add_matches(self, matches: Mapping[tuple[int, int], tuple[FloatArray, FloatArray]]) -> None:
+    def add_matches(self, matches: Mapping[tuple[int, int], FeatureMatches]) -> None:
         """Takes matches from elsewhere, and keeps those that agree with one pose of the pair.
 
         Parameters
         ----------
         matches
-            Pixels in both views by pair of views, shape (N, 2) each [px].
+            By pair of views.
         """
-        sides = [(view, points) for pair, both in matches.items() for view, points in zip(pair, both, strict=True)]
+        sides = [side for (i, j), both in matches.items() for side in ((i, both.points_first), (j, both.points_second))]
         with self._colmap.Database.open(self._path) as database:
             numbers: dict[int, np.ndarray[Any, Any]] = {}
             for view in range(len(self._images)):
@@ -178,9 +179,9 @@ class _Workspace:
                 features, numbers[view] = np.unique(every, axis=0, return_inverse=True)
                 database.write_keypoints(view + 1, (features + _HALF_PIXEL).astype(np.float32))
             start = dict.fromkeys(numbers, 0)
-            for (i, j), (points, _) in matches.items():
-                rows = [numbers[k][start[k] : start[k] + len(points)] for k in (i, j)]
-                start[i], start[j] = start[i] + len(points), start[j] + len(points)
+            for (i, j), both in matches.items():
+                rows = [numbers[k][start[k] : start[k] + len(both)] for k in (i, j)]
+                start[i], start[j] = start[i] + len(both), start[j] + len(both)
                 database.write_matches(i + 1, j + 1, np.column_stack(rows).astype(np.uint32))
         self._colmap.geometric_verification(self._path, two_view_geometry_options=self._make_verification_options())
 

@@ -17,6 +17,7 @@ from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.cameras.base import CameraEstimate, Hypothesis
 from vfm_sdm.stages.cameras.priors import CameraPriors, read_priors
 from vfm_sdm.stages.cameras.related_views import MIN_INLIERS, RelatedView, relate_to_first
+from vfm_sdm.stages.matching.base import FeatureMatcher
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["TwoViewCameras"]
@@ -24,6 +25,11 @@ __all__ = ["TwoViewCameras"]
 
 class TwoViewCameras:
     """Estimator ``two-view``: robust relative poses of views from matched features.
+
+    Parameters
+    ----------
+    features
+        What matches features; SIFT by default.
 
     Notes
     -----
@@ -34,6 +40,9 @@ class TwoViewCameras:
     """
 
     name = "two-view"
+
+    def __init__(self, *, features: FeatureMatcher | None = None) -> None:
+        self._matcher = features
 
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
         """Rig with the measured baseline, its prior covariance, and the inlier matches.
@@ -51,7 +60,7 @@ class TwoViewCameras:
             Fewer than two views, or no baseline in the session.
         """
         priors = read_priors(session, frames, estimator=self.name)
-        related = list(relate_to_first(session, frames, priors.cameras))
+        related = list(relate_to_first(session, frames, priors.cameras, matcher=self._matcher))
         faulty = [views[0] for views in related if views[0].fault]
         if faulty:
             notes = (*priors.notes, *(view.fault for view in faulty))

@@ -5,6 +5,7 @@ from typing import Protocol
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.inputs.video import RgbArray
+from vfm_sdm.stages.matching.features import FeatureMatches
 
 __all__ = ["FeatureMatcher", "PointMatcher"]
 
@@ -30,10 +31,10 @@ class PointMatcher(Protocol):
 
 
 class FeatureMatcher(Protocol):
-    """Matches distinctive features of images (``method.sfm.features``)."""
+    """Matches distinctive features of images (``method.matching``)."""
 
-    def match(self, images: Sequence[LumaArray]) -> dict[tuple[int, int], tuple[FloatArray, FloatArray]]:
-        """Pixels of features that look alike, by pair of images, before any geometric check.
+    def match(self, images: Sequence[LumaArray]) -> dict[tuple[int, int], FeatureMatches]:
+        """Features that look alike, by pair of images, before any geometric check.
 
         Parameters
         ----------
@@ -43,6 +44,6 @@ class FeatureMatcher(Protocol):
         Returns
         -------
         matches
-            Pixels in both images by pair ``i < j``, shape (N, 2) each [px].
+            Pixels in both images and quality, by pair ``i < j``.
         """
         ...

@@ -15,6 +15,7 @@ from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.inputs.session import Sfm
 from vfm_sdm.inputs.video import Region
 from vfm_sdm.stages.matching.detection import to_eight_bit
+from vfm_sdm.stages.matching.features import FeatureMatches
 
 __all__ = ["MATCHERS", "LearnedMatcher", "superpoint_matcher"]
 
@@ -67,12 +68,12 @@ class LearnedMatcher:
         except ImportError as error:
             raise BackendUnavailableError(
                 f"sfm matcher {matcher!r}: expected torch and transformers, got no {error.name}; "
-                "pip install 'vfm-sdm[sfm]', or use features = 'sift'"
+                "pip install 'vfm-sdm[sfm]', or use matching = 'sift'"
             ) from error
         self._network = _load_network(transformers, matcher, model)
 
-    def match(self, images: Sequence[LumaArray]) -> dict[tuple[int, int], tuple[FloatArray, FloatArray]]:
-        """Pixels of features that look alike, by pair of images, before any geometric check.
+    def match(self, images: Sequence[LumaArray]) -> dict[tuple[int, int], FeatureMatches]:
+        """Features that look alike, by pair of images, before any geometric check.
 
         Parameters
         ----------
@@ -82,7 +83,7 @@ class LearnedMatcher:
         Returns
         -------
         matches
-            Pixels in both images by pair ``i < j``, shape (N, 2) each [px].
+            By pair ``i < j``; their quality is the matcher's score.
 
         Notes
         -----
@@ -96,13 +97,14 @@ class LearnedMatcher:
         canvases = [_make_canvas(image, region, (width, height)) for image, region in zip(images, regions, strict=True)]
         found = {}
         for i, j in combinations(range(len(images)), 2):
-            pixels = self._match_pair(canvases[i], canvases[j])
+            *pixels, quality = self._match_pair(canvases[i], canvases[j])
             whole = np.logical_and(*(_is_inside(u, regions[k]) for u, k in zip(pixels, (i, j), strict=True)))
-            found[i, j] = regions[i].to_full(pixels[0][whole]), regions[j].to_full(pixels[1][whole])
+            points = [regions[k].to_full(u[whole]) for u, k in zip(pixels, (i, j), strict=True)]
+            found[i, j] = FeatureMatches(points[0], points[1], quality[whole])
         return found
 
-    def _match_pair(self, first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Canvas pixels of the matches, shape (N, 2) each."""
+    def _match_pair(self, first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Canvas pixels of the matches, shape (N, 2) each, and their scores, shape (N,)."""
         torch = self._torch
         pair = torch.from_numpy(np.stack([first, second])[None, :, None].repeat(3, axis=2).astype(np.float32))
         with torch.inference_mode():
@@ -114,18 +116,19 @@ class LearnedMatcher:
         partner, known = output.matches.reshape(2, -1)[0].numpy(), output.mask.reshape(2, -1).numpy() > 0
         rows = np.flatnonzero(known[0] & (partner >= 0))
         rows = rows[known[1][partner[rows]]]
-        return points[0, rows], points[1, partner[rows]]
+        scores = output.matching_scores.reshape(2, -1)[0].double().numpy()
+        return points[0, rows], points[1, partner[rows]], scores[rows]
 
 
-def superpoint_matcher(*, sfm: Sfm) -> LearnedMatcher:
-    """The matcher of ``features = "superpoint"`` with the settings of ``[method.sfm]``: SuperGlue by default.
+def superpoint_matcher(*, matcher: str, sfm: Sfm) -> LearnedMatcher:
+    """The matcher of ``matching = "superpoint+..."`` with the settings of ``[method.sfm]``.
 
     Raises
     ------
     BackendUnavailableError
         See `LearnedMatcher`.
     """
-    return LearnedMatcher(sfm.matcher or "superglue", model=sfm.model)
+    return LearnedMatcher(matcher, model=sfm.model)
 
 
 def _load_network(transformers: Any, matcher: str, model: Path | str | None) -> Any:
@@ -133,7 +136,7 @@ def _load_network(transformers: Any, matcher: str, model: Path | str | None) -> 
     source = MATCHERS[matcher] if model is None else str(model)
     advice = (
         f"download {MATCHERS[matcher]} (read its licence first) and pass its folder as model = '...', "
-        "or use features = 'sift'"
+        "or use matching = 'sift'"
     )
     if model is not None and not Path(model).is_dir():
         raise BackendUnavailableError(f"sfm model {source}: expected a folder, got none; {advice}")

@@ -509,21 +509,21 @@ FAULTS = {
         {"method": {"sgr": {"longitudnal": 1.0}}},
         r"method.sgr.longitudnal: expected one of the keys .*; did you mean 'longitudinal'\?",
     ),
-    "unknown features": (
-        {"method": {"sfm": {"features": "orb"}}},
-        r"method.sfm.features: expected one of \['sift', 'superpoint'\], got 'orb'; choose one of these",
+    "unknown matcher of features": (
+        {"method": {"matching": "orb"}},
+        r"method.matching: expected one of \['aliked\+lightglue', 'auto', 'sift', .*\], got 'orb'; choose one of these",
     ),
-    "unknown matcher": (
+    "unknown matcher as it was named before": (
         {"method": {"sfm": {"features": "superpoint", "matcher": "loftr"}}},
-        r"method.sfm.matcher: expected 'superglue' or 'lightglue', got 'loftr'",
+        r"method.matching: expected one of \[.*\], got 'superpoint\+loftr'",
     ),
-    "matcher for SIFT": (
-        {"method": {"sfm": {"matcher": "lightglue"}}},
-        r'method.sfm: expected features = "superpoint" for a matcher or model, got "sift"; add it',
+    "matcher named in two ways": (
+        {"method": {"matching": "sift", "sfm": {"features": "superpoint"}}},
+        r"method: expected features in one place, got matching and sfm.features = 'superpoint\+superglue'; remove",
     ),
     "model for SIFT": (
-        {"method": {"sfm": {"features": "sift", "model": "folder"}}},
-        r'method.sfm: expected features = "superpoint" for a matcher or model, got "sift"; add it',
+        {"method": {"matching": "sift", "sfm": {"model": "folder"}}},
+        r"method: expected matching = 'superpoint\+lightglue' or 'superpoint\+superglue' for sfm.model, got 'sift'",
     ),
     "units of a sensor": (
         {"sensor": [{"name": "s", "file": "a.csv", "units": "ft"}]},
@@ -553,13 +553,22 @@ def test_cameras_that_know_lengths_need_no_baseline(cameras):
     assert small(view=view, site={}, chessboard=board, method={"cameras": cameras}).site.baseline is None
 
 
-def test_settings_of_structure_from_motion_are_read_and_written(tmp_path):
-    text = '[method]\ncameras = "sfm"\nsfm = { features = "superpoint", matcher = "lightglue", model = "folder" }\n'
+@pytest.mark.parametrize(
+    "text",
+    [
+        'matching = "superpoint+lightglue"\nsfm = { model = "folder" }\n',
+        'sfm = { features = "superpoint", matcher = "lightglue", model = "folder" }\n',
+    ],
+)
+def test_matching_is_read_and_written_also_as_it_was_named_before(tmp_path, text):
     make_files(tmp_path)
-    session = read_session(write_design(tmp_path, DESIGN[: DESIGN.index("[method]")] + text))
-    assert session.method.sfm == Sfm(features="superpoint", matcher="lightglue", model="folder")
+    method = f'[method]\ncameras = "sfm"\n{text}'
+    session = read_session(write_design(tmp_path, DESIGN[: DESIGN.index("[method]")] + method))
+    assert (session.method.matching, session.method.sfm) == ("superpoint+lightglue", Sfm(model="folder"))
     assert read_session(write_session(tmp_path / "again.toml", session)) == session
-    assert Method().sfm == Sfm(features="sift", matcher=None, model=None)
+    assert (Method().matching, Method().sfm) == ("auto", Sfm(model=None))
+    assert Method(sfm={"features": "sift"}).matching == "sift"
+    assert Method(sfm={"features": "superpoint"}).matching == "superpoint+superglue"
 
 
 def test_one_view_needs_no_baseline():

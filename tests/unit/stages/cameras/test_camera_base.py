@@ -37,7 +37,7 @@ class TestFindEstimator:
         module.Mine = type("Mine", (), {"__init__": lambda self, **settings: setattr(self, "settings", settings)})
         monkeypatch.setitem(sys.modules, module.__name__, module)
         monkeypatch.setitem(BUILT_IN["cameras"], "mine", Part(f"{module.__name__}:Mine", ("sfm", "network")))
-        method = Method(cameras="mine", sfm={"features": "superpoint"})
+        method = Method(cameras="mine", matching="superpoint+superglue", sfm={"model": "folder"})
         assert estimator_of(method).settings == {"sfm": method.sfm, "network": method.network}
         assert estimator_of(Method(cameras="two-view")).name == "two-view"
 

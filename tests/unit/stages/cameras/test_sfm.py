@@ -295,7 +295,8 @@ class Detections:
 class TestLearnedMatcher:
     def test_an_image_matches_itself_in_place(self, checkpoints, matcher, pair):
         image = pair[1]["left"][:120, :160]
-        first, second = LearnedMatcher(matcher, model=checkpoints[matcher]).match([image, image])[0, 1]
+        found = LearnedMatcher(matcher, model=checkpoints[matcher]).match([image, image])[0, 1]
+        first, second = found.points_first, found.points_second
         assert len(first) > 0
         assert np.median(np.abs(first - second)) < 1e-3  # a few of random weights go astray
         np.testing.assert_allclose(first, np.rint(first), atol=1e-3)  # features lie on pixels
@@ -306,7 +307,8 @@ class TestLearnedMatcher:
         canvas = np.array([[0.0, 0.0], [100.0, 50.0], [300.0, 700.0], [10.0, 20.0]])
         made._network = Detections(torch, canvas, canvas + 5)
         images = [np.zeros((1024, 2048), np.uint8), np.zeros((500, 400), np.uint8)]
-        first, second = made.match(images)[0, 1]
+        found = made.match(images)[0, 1]
+        first, second = found.points_first, found.points_second
         assert made._network.shape == (1, 2, 3, 512, 1024)
         # The first is too near the border, the third below both images; half a pixel of the canvas is one of the image.
         np.testing.assert_allclose(first, [[200.5, 100.5], [20.5, 40.5]], atol=1e-3)
@@ -314,8 +316,8 @@ class TestLearnedMatcher:
 
     def test_all_of_sfm_runs_with_it(self, checkpoints, matcher, pair, capfd):
         rig, frames = pair
-        settings = Sfm(features="superpoint", matcher=matcher, model=str(checkpoints[matcher]))
-        estimator = estimator_of(Method(cameras="sfm", sfm=settings))
+        settings = Sfm(model=str(checkpoints[matcher]))
+        estimator = estimator_of(Method(cameras="sfm", matching=f"superpoint+{matcher}", sfm=settings))
         parts = {name: frame[::3, ::3] for name, frame in frames.items()}
         estimate = estimator.estimate(room_session(rig), parts)
         # Random weights match at random.
@@ -324,8 +326,8 @@ class TestLearnedMatcher:
 
     def test_nothing_to_match_is_an_empty_set(self, checkpoints, matcher, pair, tmp_path):
         folder = changed(checkpoints[matcher], tmp_path, '"keypoint_threshold": 0.0', '"keypoint_threshold": 1.0')
-        first, second = LearnedMatcher(matcher, model=folder).match(list(pair[1].values()))[0, 1]
-        assert first.shape == second.shape == (0, 2)
+        found = LearnedMatcher(matcher, model=folder).match(list(pair[1].values()))[0, 1]
+        assert found.points_first.shape == found.points_second.shape == (0, 2)
 
     def test_unknown_name(self):
         with pytest.raises(BackendUnavailableError, match=r"expected one of \['lightglue', 'superglue'\], got 'loftr'"):
@@ -334,14 +336,14 @@ class TestLearnedMatcher:
     def test_without_transformers(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "transformers", None)
         with pytest.raises(BackendUnavailableError, match=r"'superglue': expected torch and transformers, got no"):
-            estimator_of(Method(cameras="sfm", sfm=Sfm(features="superpoint")))
+            estimator_of(Method(cameras="sfm", matching="superpoint+superglue"))
 
     def test_without_a_checkpoint(self, checkpoints, monkeypatch):
         monkeypatch.setitem(learned_features.MATCHERS, "superglue", "nobody/nothing")
         with pytest.raises(
             BackendUnavailableError, match=r"on this machine, got none; download .* as model = '\.\.\.'"
         ):
-            estimator_of(Method(cameras="sfm", sfm=Sfm(features="superpoint")))
+            estimator_of(Method(cameras="sfm", matching="superpoint+superglue"))
 
     def test_without_its_folder(self, checkpoints, tmp_path):
         with pytest.raises(BackendUnavailableError, match=r"expected a folder, got none; download"):
