@@ -1,4 +1,4 @@
-"""Injected gain against true gain: plates of several contrasts move before a wall, in H.264 and HEVC of several qualities.
+"""Injected gain against true gain: plates of several contrasts before a wall, H.264 and HEVC of several qualities.
 
 Motion, texture and noise are known to the script; injection sees only the files. The gain of one recording is itself
 known to its scatter (`scatter` in the table: that of the slope of the track over the motion), so that the rms
@@ -150,13 +150,13 @@ def summarise(rows: list[Row]) -> dict[str, object]:
     loss = np.array([1 - r.true[k] for r, k in known])
     share = loss > 0.02
     result = {
-        "rms_difference_1": rms(error),
-        "rms_expected_from_scatter_1": rms([r.scatter[k] for r, k in known]),
-        "rms_uncorrected_loss_1": rms(loss),
-        "mean_difference_1": float(error.mean()) if len(error) else float("nan"),
-        "rms_over_stated_std_1": rms(error / scatter),
-        "share_of_loss_1": rms(error[share]) / rms(loss[share]) if share.any() else float("nan"),
-        "not_stated_fraction": 1 - len(known) / max(2 * len(rows), 1),
+        "relative_difference_rms": rms(error),
+        "relative_scatter_rms": rms([r.scatter[k] for r, k in known]),
+        "relative_loss_rms": rms(loss),
+        "relative_difference_mean": float(error.mean()) if len(error) else float("nan"),
+        "difference_ratio_to_stated_std": rms(error / scatter),
+        "difference_share_of_loss": rms(error[share]) / rms(loss[share]) if share.any() else float("nan"),
+        "share_not_stated": 1 - len(known) / max(2 * len(rows), 1),
     }
     print()
     for name, value in result.items():
