@@ -15,12 +15,14 @@ __all__ = [
     "check_camera_motion",
     "check_frozen",
     "check_halves",
+    "check_points",
     "check_slip",
     "check_stabilization",
     "check_static_points",
     "check_tracked",
 ]
 
+_REFUSED_CAUTION, _REFUSED_FAIL = 1e-9, 0.99
 _MISSING_CAUTION, _MISSING_FAIL = 0.05, 0.5
 _FROZEN_S = 0.2
 """Shortest run of unchanged positions that counts [s]."""
@@ -40,6 +42,21 @@ _NO_STATIC = (
     "no point that must not move was named and found: a tripod that moves looks like a structure that moves. Name two "
     "on an abutment or behind the structure (static = true)"
 )
+
+
+def check_points(inputs: AuditInputs) -> AuditCheck:
+    """Share of the points on the structure that were known before tracking not to be measured [1]."""
+    asked = [p.name for p in inputs.session.point if not p.static]
+    refused = {name: why for name, why in inputs.refused.items() if name in asked}
+    share = len(refused) / len(asked) if asked else 0.0
+    named = "; ".join(f"{name}: {why}" for name, why in refused.items())
+    return judge(
+        "points refused",
+        {named: share},
+        Limits(_REFUSED_CAUTION, _REFUSED_FAIL, "1"),
+        good="every point of the structure can be followed",
+        bad="not measured, as was said before tracking: {}; name other places, or their places in the other view",
+    )
 
 
 def check_tracked(inputs: AuditInputs) -> AuditCheck:
