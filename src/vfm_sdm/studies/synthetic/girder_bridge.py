@@ -30,7 +30,7 @@ _RAILING = 1.15
 _FASCIA, _EDGE, _PLATE, _WEB_X = -0.10, 0.0, 0.088, 0.10
 _POST = (-0.07, 0.06)
 """Front of the posts, and their depth."""
-_WASHER = 0.022
+_WASHER = 0.030
 """Between nuts and the plate: what ends at a plane nearer than about four pixels' change of depth is blended wrongly
 (`vfm_sdm.studies.synthetic.edges`)."""
 
@@ -284,8 +284,8 @@ def _add_splice(builder: Builder, site: GirderBridgeSite) -> None:
     size = (_WEB_X - _PLATE, height, width)
     builder.add_box("splice", corner, size, site.surfaces.paint, moving=True, marks=washer)
     for number, (u, v) in enumerate(at):
-        nut = (X + _PLATE - 0.046, Y + top + v - 0.018, middle + u - 0.018)
-        builder.add_box(f"nut {number}", nut, (0.046 - _WASHER, 0.036, 0.036), site.surfaces.bolt, moving=True)
+        nut = (X + _PLATE - 0.052, Y + top + v - 0.018, middle + u - 0.018)
+        builder.add_box(f"nut {number}", nut, (0.052 - _WASHER, 0.036, 0.036), site.surfaces.bolt, moving=True)
 
 
 def _add_deck(builder: Builder, site: GirderBridgeSite) -> None:
