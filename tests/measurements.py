@@ -18,9 +18,9 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
 from vfm_sdm.measurement import Measurement
+from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
 from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.cameras.solution import CameraSolution
-from vfm_sdm.stages.cameras.two_view import estimate_relative_pose
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 

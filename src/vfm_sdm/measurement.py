@@ -5,18 +5,21 @@ said of them. Any product can be asked for alone; what it needs is made before i
 cameras and tracks whose inputs have not changed are read from it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.files import file_fingerprint
 from vfm_sdm.core.netcdf import read_tracks, write_points, write_tracks
 from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import code_modules, make, settings_read
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.inputs.session import FirstFrames, Session, input_files, open_views, session_hash, write_session
@@ -32,6 +35,8 @@ from vfm_sdm.stages.displacement.result import add_facts, state_uncertainty
 from vfm_sdm.stages.displacement.stereo import compute_displacement
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
 from vfm_sdm.stages.synchronize import synchronize_tracks
+from vfm_sdm.stages.tracking.base import DesignedTracker
+from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
 from vfm_sdm.stages.tracking.views import track_views
 
 __all__ = ["Measurement", "measure"]
@@ -98,6 +103,7 @@ class Measurement(Chain[Session]):
         self._session, self._whole_files = session, whole_files
         self._hashes: dict[Path, str] = {}
         self._parts: dict[str, Any] = {}
+        self._choices: dict[tuple[Any, ...], SubsetChoice] = {}
 
     @property
     def session(self) -> Session:
@@ -144,14 +150,43 @@ class Measurement(Chain[Session]):
         return self.cameras.points
 
     @product(
-        needs=("recordings", "points"),
+        reads=("point.name", "point.view", "point.pixel", "point.pixel_in", "method.subset_px"),
+        needs=("recordings",),
+        parts=("trackers",),
+        label="expectation",
+    )
+    def expectation(self, session: Session) -> dict[str, xr.Dataset]:
+        """What named pixels should measure and how well, by view, before anything else is known of them."""
+        self._say("expectation")
+        named: dict[str, dict[str, FloatArray]] = {}
+        for point in session.point:
+            for view, pixel in {point.view: point.pixel, **point.pixel_in}.items():
+                named.setdefault(view, {})[point.name] = np.array(pixel)
+        chosen = {view: self._choose(view, places, session.method.subset_px) for view, places in named.items()}
+        return {view: describe_subsets(list(of), list(of.values())) for view, of in chosen.items()}
+
+    @product(reads=("method.subset_px",), needs=("recordings", "points"), parts=("trackers",), label="subsets")
+    def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
+        """What the subset of every point compares, by view and point; empty for trackers that compare none."""
+        self._say("subsets")
+        found = {}
+        for view in self.points["view"].values.tolist():
+            position = self.points["position"].sel(view=view)
+            places = {str(name): position.sel(point=name).values for name in position["point"].values}
+            known = {name: place for name, place in places.items() if np.isfinite(place).all()}
+            found[view] = self._choose(view, known, session.method.subset_px)
+        return found
+
+    @product(
+        needs=("recordings", "points", "subsets"),
         parts=("trackers",),
         kept=Kept("tracks.nc", _read_tracks, _write_tracks),
         label="tracking",
     )
     def tracks(self, session: Session) -> dict[str, xr.Dataset]:
         """Tracks of all points by view, each on its own clock."""
-        return track_views(self.recordings, self.points, self.part("trackers"), progress=self._say)
+        tracker = self.part("trackers")
+        return track_views(self.recordings, self.points, tracker, subsets=self.subsets, progress=self._say)
 
     # C: the cameras' own motion taken out, one clock, displacement.
 
@@ -166,11 +201,12 @@ class Measurement(Chain[Session]):
             *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start"),
             *("point.name", "point.static", "method.synchronization"),
         ),
-        needs=("steady",),
+        needs=("cameras", "steady"),
     )
     def aligned(self, session: Session) -> xr.Dataset:
         """Tracks of all views on the reference view's clock, and what is known of each view's clock."""
-        return synchronize_tracks(session, self.steady.tracks)
+        known = self.cameras.rig if self.cameras.status == CameraStatus.OK else None
+        return synchronize_tracks(session, self.steady.tracks, known)
 
     @product(reads=("method.refinement", "method.sgr", "method.still_interval_s"), needs=("cameras", "aligned"))
     def refinement(self, session: Session) -> Refinement | None:
@@ -342,6 +378,18 @@ class Measurement(Chain[Session]):
             self._parts[kind] = make(kind, self._session.resolved_method)
         return self._parts[kind]
 
+    def _choose(self, view: str, places: Mapping[str, FloatArray], subset_px: int | None) -> dict[str, SubsetChoice]:
+        """Subsets of points at places (2,) [px] of a view, by name, each looked at once; none without use for them."""
+        if not isinstance(self.part("trackers"), DesignedTracker):
+            return {}
+        keys = {name: (view, *place.tolist(), subset_px) for name, place in places.items()}
+        missing = [name for name, key in keys.items() if key not in self._choices]
+        if missing:
+            points2d = np.array([places[name] for name in missing])
+            found = design_subsets(self.recordings[view], points2d, missing, subset_px=subset_px)
+            self._choices |= {keys[name]: choice for name, choice in zip(missing, found, strict=True)}
+        return {name: self._choices[key] for name, key in keys.items()}
+
     def _triangulated(self, tracks: xr.Dataset, session: Session, refinement: Refinement | None = None) -> xr.Dataset:
         """Displacement of synchronised tracks, refined or not."""
         cameras = self.cameras
@@ -364,7 +412,12 @@ class Measurement(Chain[Session]):
 
 
 def measure(
-    session: Session, folder: Path | str | None = None, *, progress: Progress | None = None, whole_files: bool = False
+    session: Session,
+    folder: Path | str | None = None,
+    *,
+    progress: Progress | None = None,
+    whole_files: bool = False,
+    forecast: Callable[[Mapping[str, xr.Dataset]], None] | None = None,
 ) -> Measurement:
     """The whole way from recordings to displacement.
 
@@ -379,6 +432,8 @@ def measure(
         Called with what is being done.
     whole_files
         Whether large input files are hashed as a whole, see `Measurement`.
+    forecast
+        Called with what the named points should measure (`Measurement.expectation`), before anything else is done.
 
     Returns
     -------
@@ -396,6 +451,8 @@ def measure(
     if measurement.folder is not None:
         _prepare_folder(measurement.folder, session)
         write_session(measurement.folder / "session.resolved.toml", session)
+    if forecast is not None and measurement.expectation:
+        forecast(measurement.expectation)
     for name in ("cameras", "points", "tracks", "displacement", "audit", "figures", "summary"):
         getattr(measurement, name)
     return measurement

@@ -1,12 +1,13 @@
 """The command ``vfm-sdm``: each command parses, calls one library function, and prints a short summary."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal, NoReturn
 
 import cyclopts
+import xarray as xr
 from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import (
@@ -33,7 +34,7 @@ from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
-from vfm_sdm.outputs.results import write_export
+from vfm_sdm.outputs.results import first_cause, write_export
 from vfm_sdm.studies.protocol import run_benchmark
 from vfm_sdm.studies.synthetic.presets import PRESETS, PresetName
 
@@ -109,14 +110,15 @@ def measure_command(
     for form in export:
         find("writers", form)  # before any work is done
     with _progress() as progress:
-        result = measure(settings, output, progress=progress, whole_files=whole_files)
+        result = measure(settings, output, progress=progress, whole_files=whole_files, forecast=_forecast(output))
     for part in reports.measurement_report(result):
         _out.print(part)
     _say(f"written: {output} (figures in {output / 'figures'})")
-    if result.displacement is None:
-        _fail(f"no displacement: {result.cameras.status}")
-    for form in export:
-        _say(f"written: {write_export(form, output, result.displacement)}")
+    if result.displacement is not None:
+        for form in export:
+            _say(f"written: {write_export(form, output, result.displacement)}")
+    if cause := first_cause(result.cameras, result.tracks, result.displacement):
+        _fail(f"no sample is ok: {cause}")
 
 
 @app.command
@@ -279,6 +281,11 @@ def _acknowledged(name: str) -> bool:
     for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
         _err.print(line, markup=False, highlight=False)
     return Confirm.ask("Have you read this licence, and do you accept it?", console=_err, default=False)
+
+
+def _forecast(output: Path) -> Callable[[Mapping[str, xr.Dataset]], None] | None:
+    """Prints what the points should measure, unless an earlier run in this folder has done so."""
+    return None if (output / "tracks.nc").exists() else lambda expected: _err.print(reports.expectation_table(expected))
 
 
 def _say(line: str) -> None:

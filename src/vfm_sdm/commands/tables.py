@@ -32,6 +32,7 @@ __all__ = [
     "camera_report",
     "displacement_table",
     "evaluation_table",
+    "expectation_table",
     "measurement_report",
     "reference_table",
     "track_table",
@@ -41,6 +42,8 @@ __all__ = [
 
 _CASE_COLUMNS = 3
 _WORTH_SAYING_S = 0.05
+_WORTH_SAYING_SHARE = 0.95
+_LEVEL_DEG = 15.0
 _SUMMARY_ROWS = 2
 """Mean and standard deviation, at the end of a table."""
 
@@ -108,6 +111,43 @@ def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[R
     if notes:
         for note in solution.notes:
             yield Text(f"note: {note}", style="yellow")
+
+
+def expectation_table(expected: Mapping[str, xr.Dataset]) -> Table:
+    """What named points should measure: a line a view and point, with what to do where that is little."""
+    table = Table(
+        title="Expected of the points, before anything is measured (std of one frame)",
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for name in ("view", "point", "expected"):
+        table.add_column(Text(name))
+    for view, subsets in expected.items():
+        for name in subsets["point"].values:
+            words, style = _expectation(subsets.sel(point=name))
+            table.add_row(view, str(name), Text(words, style=style))
+    return table
+
+
+def _expectation(subset: xr.Dataset) -> tuple[str, str]:
+    """What a point should measure, in words, and the colour of the words."""
+    std_px = subset["expected_std"].values
+    if subset["status"].item() != PointStatus.OK:
+        place = subset["nearest"].values
+        advice = "name another place" + (f": ({place[0]:.0f}, {place[1]:.0f}) would do" if place[0] >= 0 else "")
+        return f"refused: {subset['status'].item()}; {advice}", "red"
+    if not np.isfinite(std_px[0]):
+        return "not known: too few frames, or too near to the border", ""
+    share = subset["believed"].item()
+    rest = f"; {share:.0%} of its square moves with it" if share < _WORTH_SAYING_SHARE else ""
+    if not np.isfinite(std_px[1]):
+        u, v = subset["across"].values
+        angle = np.degrees(np.arctan2(-v, u)) % 180
+        words = "horizontally" if min(angle, 180 - angle) < _LEVEL_DEG else f"at {angle:.0f} degrees"
+        words = "vertically" if abs(angle - 90) < _LEVEL_DEG else words
+        return f"{std_px[0]:.3f} px {words}, across its edge; nothing along it{rest}", "yellow"
+    return f"{std_px[0]:.3f} to {std_px[1]:.3f} px{rest}", "green" if not rest else ""
 
 
 def displacement_table(displacement: xr.Dataset) -> Table:

@@ -5,9 +5,13 @@ points
     in words (``ok``, or why there is no position).
 tracks
     One view, own clock: dims ``time, point, pixel``; ``position`` [px], ``position_covariance`` [px2]
-    (``pixel_a, pixel_b``), ``status``. With a leading dim ``view`` the tracks share one clock, and what is known of
-    each view's own clock are variables on ``view``: ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate``
-    [1], ``clock_status``.
+    (``pixel_a, pixel_b``), ``status``. Where subsets were designed point by point also ``subset_px`` (point) [px],
+    ``warp`` (point) in words, ``believed`` (point, or time and point), the share of pixels believed [1], and
+    ``edge_across`` (point, pixel), the unit vector across a point that is measured across an edge only, else NaN: along
+    the edge its position is that of the reference frame, with the standard deviation `UNMEASURED_STD_PX`.
+    With a leading dim ``view`` the tracks share one clock, and what is known of each view's own clock are variables on
+    ``view``: ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``;
+    and ``clock_use`` (view, point).
 displacement
     dims ``time, point, axis``; ``displacement`` [mm], ``displacement_std`` [mm] (random part), ``scale_std`` [1]
     (systematic part, dims ``point, axis``), ``position`` [m], ``reprojection_error`` [px], ``status``.
@@ -33,6 +37,7 @@ __all__ = [
     "PIXEL",
     "STATUS_MEANINGS",
     "STRUCTURE_AXES",
+    "UNMEASURED_STD_PX",
     "DisplacementArrays",
     "Status",
     "check_displacement",
@@ -50,6 +55,8 @@ __all__ = [
 PIXEL = ("u", "v")
 STRUCTURE_AXES = ("lateral", "vertical", "longitudinal")
 CAMERA_AXES = ("right", "down", "forward")
+UNMEASURED_STD_PX = 1000.0
+"""Standard deviation of a position along an edge, where nothing is measured: the size of a picture [px]."""
 STATUS_MEANINGS = tuple(str(status) for status in SampleStatus)
 
 

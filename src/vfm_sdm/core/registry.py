@@ -138,7 +138,10 @@ def make(kind: Kind, method: object) -> Any:
     name = chosen_name(kind, method)
     part = find(kind, name)
     reads = {read for one in parts_of(kind, name).values() for read in one.reads}
-    options = {root: _only(root, reads, method, name) for root in sorted({read.partition(".")[0] for read in reads})}
+    roots = sorted({read.partition(".")[0] for read in reads})
+    read = {root: _only(root, reads, method, name) for root in roots}
+    # What a session leaves open is left to the part.
+    options = {root: value for root, value in read.items() if value is not None}
     options |= {other: make(other, method) for other in part.chooses}
     if part.settings and name in _tables(method):
         options["settings"] = _tables(method)[name]

@@ -10,6 +10,7 @@ __all__ = [
     "CameraMotionStatus",
     "CameraStatus",
     "ClockStatus",
+    "ClockUse",
     "Outcome",
     "PointStatus",
     "RecordingStatus",
@@ -56,6 +57,8 @@ class PointStatus(StrEnum):
     NOT_FOUND = "not found in the other view"
     AMBIGUOUS = "several places look alike"
     NOT_RETURNED = "the way back ends elsewhere"
+    NO_TEXTURE = "no texture to follow"
+    """What moves with the point has no texture, across no edge either: it cannot be tracked."""
 
 
 class CameraStatus(StrEnum):
@@ -64,6 +67,8 @@ class CameraStatus(StrEnum):
     OK = "ok"
     ONE_VIEW = "one view: motion in the image plane only"
     TOO_FEW_MATCHES = "too few matches between the views"
+    NOT_CLEAR = "no cameras stand out from chance"
+    """Matches agree with a pose no better than unrelated ones would, as with what repeats."""
     NO_COMMON_SCALE = "too few points seen in three views"
     CONTRADICTION = "focal lengths contradict what is known of the lenses"
     BASELINES_DISAGREE = "chessboard and measured baseline disagree"
@@ -76,6 +81,8 @@ class CameraStatus(StrEnum):
     """No focal prior and nothing measured on site that fixes the focal length: displacement has no usable scale."""
     UNKNOWN_DISTANCE = "distance of a further camera not determined"
     """Too few points are seen in three views, and nothing was measured, to determine the distance of a third camera."""
+    SEVERAL = "several cameras agree with everything known"
+    """The uncertainty spans them; a note names the reading that would decide."""
     NOT_CONVERGED = "site adjustment did not converge"
 
 
@@ -112,7 +119,7 @@ class ClockStatus(StrEnum):
     NO_MOTION = "no common motion"
     """At no lag of the search are the recordings more alike than unrelated noise: no motion, or different motion."""
     TOO_SHORT = "too short"
-    """No lag of the search leaves enough common samples."""
+    """No lag of the search leaves enough common samples, or those about its centre do not."""
     TOO_SLOW = "too few samples a second for the band"
     """The sampling is too slow for motion in the band, for example with pictures taken one by one."""
     AT_EDGE = "peak at the edge of the search"
@@ -121,10 +128,24 @@ class ClockStatus(StrEnum):
     """No lag near the best of the search is better than its neighbours on both sides."""
 
 
+class ClockUse(StrEnum):
+    """What became of a point when the lag between two clocks was estimated."""
+
+    USED = "used"
+    NOT_ASKED = "not asked"
+    """A static point, or the offset was not estimated from the motion."""
+    TOO_FEW = "too few common samples"
+    NO_MOTION = "no common motion above its noise"
+    DISAGREES = "moves otherwise than most"
+    """Its own best lag is another one; it was left out."""
+
+
 class RefinementStatus(StrEnum):
     """Result of the refinement of a point; with every status but `OK` its tracks are unchanged."""
 
     OK = "ok"
+    EDGE = "measured across an edge only"
+    """The point's depth comes from where it is measured; a correction along the picture's rows would be none."""
     BOTH_POOR = "both views poor"
     """No view tracks it well enough to serve as the reference."""
     UNKNOWN = "uncertainty unknown"

@@ -1,5 +1,8 @@
 """Propagation of the uncertainty of pixels and cameras to displacement (first order, as in the GUM)."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,6 +15,7 @@ __all__ = [
     "compute_gain_sensitivity",
     "compute_gain_std",
     "compute_position_covariance",
+    "projection_jacobian",
     "triangulation_jacobian",
 ]
 
@@ -91,13 +95,22 @@ def compute_position_covariance(jacobian: FloatArray, pixel_covariance: npt.Arra
     return np.asarray(np.einsum("pivk,vtpkl,pjvl->tpij", jacobian, covariance, jacobian, optimize=True))
 
 
-def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | None = None) -> FloatArray:
+def compute_gain_sensitivity(
+    points2d: npt.ArrayLike,
+    rig: Rig,
+    *,
+    weights: npt.ArrayLike | None = None,
+    jacobian_of: Callable[[FloatArray, Rig], FloatArray] | None = None,
+) -> FloatArray:
     """Change of the displacement gain matrix with every camera parameter.
 
     Parameters
     ----------
     points2d, rig, weights
         As in `triangulation_jacobian`.
+    jacobian_of
+        What gives the change of measured positions with the pixels for points and cameras; `triangulation_jacobian` by
+        default.
 
     Returns
     -------
@@ -112,7 +125,8 @@ def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.
     """
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
     points = u.shape[1]
-    projection = _projection_jacobian(triangulate(u, rig, weights=weights), rig)
+    measure = partial(triangulation_jacobian, weights=weights) if jacobian_of is None else jacobian_of
+    projection = projection_jacobian(triangulate(u, rig, weights=weights), rig)
     if len(rig) > 2:  # a view that does not see a point counts for nothing, even where the point lies behind it
         seen = np.asarray(np.isfinite(u).all(axis=-1))
         projection = np.where(seen.T[:, :, None, None], projection, 0.0)
@@ -123,7 +137,7 @@ def compute_gain_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.
     for index, step in enumerate(steps):
         delta = np.zeros(size * len(rig))
         delta[index] = step
-        ahead, back = (triangulation_jacobian(u, rig.perturbed(sign * delta), weights=weights) for sign in (1, -1))
+        ahead, back = (measure(u, rig.perturbed(sign * delta)) for sign in (1, -1))
         change = ahead - back
         sensitivity[:, index] = np.einsum("pivk,pvkj->pij", change / (2 * step), projection)
     return sensitivity
@@ -198,8 +212,28 @@ def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: 
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _projection_jacobian(points3d: FloatArray, rig: Rig) -> FloatArray:
-    """Pixels moved a unit of displacement, shape (P, V, 2, 3) [px per length unit]."""
+def projection_jacobian(points3d: FloatArray, rig: Rig) -> FloatArray:
+    """Change of the pixels of every view with the position of a point.
+
+    Parameters
+    ----------
+    points3d
+        Points in the first camera's frame, shape (P, 3) [length unit of the rig].
+    rig
+        V cameras.
+
+    Returns
+    -------
+    jacobian
+        Shape (P, V, 2, 3) [px per length unit]; NaN for a point that is NaN or behind a camera.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> projection_jacobian(np.array([[0.0, 0.0, 25.0]]), Rig(("left",), (left,)))[0, 0].round(6).tolist()
+    [[160.0, 0.0, 0.0], [0.0, 160.0, 0.0]]
+    """
     step = 1e-4 * np.linalg.norm(points3d, axis=-1, keepdims=True)
     columns = []
     for axis in range(3):

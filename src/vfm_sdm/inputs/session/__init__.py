@@ -5,8 +5,8 @@ from vfm_sdm.inputs.session.exif import lens_from_exif
 from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
 from vfm_sdm.inputs.session.model import Chessboard, Lens, Point, Sensor, Session, View
-from vfm_sdm.inputs.session.recordings import FirstFrames, input_files, open_views
-from vfm_sdm.inputs.session.site import Length, Level, Measured, Range, Site
+from vfm_sdm.inputs.session.recordings import FirstFrames, input_files, open_views, quiet_frames
+from vfm_sdm.inputs.session.site import Length, Level, Measured, Range, Readings, Site
 
 __all__ = [
     "Chessboard",
@@ -19,6 +19,7 @@ __all__ = [
     "Network",
     "Point",
     "Range",
+    "Readings",
     "Sensor",
     "Session",
     "Sfm",
@@ -29,6 +30,7 @@ __all__ = [
     "input_files",
     "lens_from_exif",
     "open_views",
+    "quiet_frames",
     "read_session",
     "session_hash",
     "write_session",

@@ -143,6 +143,33 @@ def _site_faults(site: Any, views: list[Any], view_names: list[str], point_names
             "site.reference_camera_level: expected one level of the reference camera, got another in "
             f"view[{_get(views[0], 'name')}].level; remove one of them"
         )
+    faults += _reading_faults(site, views)
+    return faults
+
+
+def _reading_faults(site: Any, views: list[Any]) -> list[str]:
+    """What is read at the reference camera stands in [site]; what is read at the others refers to it."""
+    faults: list[str] = []
+    distances = ("perpendicular_distance", "longitudinal_distance")
+    for number, view in enumerate(views):
+        label = f"view[{_get(view, 'name')}]"
+        read = [key for key in (*distances, "stands") if _get(view, key) is not None]
+        if number == 0:
+            faults += [
+                f"{label}.{key}: expected it of another view, got it of the first one, the reference; "
+                + ("remove it" if key == "stands" else f"state it as site.{key}")
+                for key in read
+            ]
+            if _get(view, "level") is not None and _get(site, "reference_camera_level") is None:
+                faults.append(
+                    f"{label}.level: expected it of another view, got it of the first one, the reference; "
+                    "state it as site.reference_camera_level"
+                )
+        elif set(read) & set(distances) and _get(site, "perpendicular_distance") is None:
+            faults.append(
+                f"{label}: expected the distances of the reference camera beside its own, got none; add "
+                "perpendicular_distance and longitudinal_distance under [site]"
+            )
     return faults
 
 

@@ -22,6 +22,7 @@ from vfm_sdm.networks.interface import Precision
 
 __all__ = ["Method", "Network", "Sfm", "Sgr", "table_paths"]
 
+_USUAL_SUBSET_PX = 41
 _Weight = Annotated[Number, Field(ge=0)]
 
 
@@ -70,7 +71,7 @@ def _increasing(interval: tuple[float, float]) -> tuple[float, float]:
 
 def _subset(size: int) -> int:
     if size % 2 == 0 or size < 9:
-        raise ValueError(f"expected an odd number of pixels >= 9, got {size}; use 41 when in doubt")
+        raise ValueError(f"expected an odd number of pixels >= 9, got {size}; leave it out when in doubt")
     return size
 
 
@@ -133,8 +134,8 @@ class Method(Entry):
     sgr: Sgr = Sgr()
     still_interval_s: Annotated[tuple[Number, Number], AfterValidator(_increasing)] | None = None
     """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""
-    subset_px: Annotated[int, Strict(), AfterValidator(_subset)] = 41
-    """Side of the square that a tracker compares [px]."""
+    subset_px: Annotated[int, Strict(), AfterValidator(_subset)] | None = None
+    """Side of the square that a tracker compares [px]; chosen for each point by default."""
     correspondence: Annotated[str, _named("matchers")] = "registration"
     """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
     VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
@@ -162,6 +163,11 @@ class Method(Entry):
                 with suppress(BackendUnavailableError):
                     names |= {called for (_, called), part in parts_of(kind, name).items() if part.settings}
         return names
+
+    @property
+    def usual_subset_px(self) -> int:
+        """Side of the squares that are compared where none is chosen for each point [px]."""
+        return self.subset_px or _USUAL_SUBSET_PX
 
     @property
     def tables(self) -> dict[str, BaseModel]:

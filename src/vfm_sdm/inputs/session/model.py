@@ -25,7 +25,7 @@ from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
-from vfm_sdm.inputs.session.site import Entry, Level, Name, Number, Positive, Site
+from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive, Readings, Site
 
 __all__ = ["Chessboard", "Lens", "Point", "Sensor", "Session", "View"]
 
@@ -91,8 +91,8 @@ class Lens(Entry):
         return self.focal_mm / self.sensor_width_mm * image_width
 
 
-class View(Entry):
-    """One camera's recording: a ``video``, or ``images`` (a glob pattern) with ``fps``."""
+class View(Readings):
+    """One camera's recording: a ``video``, or ``images`` (a glob pattern) with ``fps``; and what was read at it."""
 
     name: _ViewName
     video: _PathField | None = None
@@ -109,7 +109,6 @@ class View(Entry):
     """Standard deviation of that [s]; it decides between peaks where the motion alone cannot."""
     start: _Start | None = None
     """When the first frame was taken, with its offset from UTC: another way to state the time offset."""
-    level: Level | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:

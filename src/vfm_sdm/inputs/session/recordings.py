@@ -6,13 +6,24 @@ from pathlib import Path
 
 import numpy as np
 
-from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session
 from vfm_sdm.inputs.video import RgbArray, Video, open_images, open_video
 from vfm_sdm.inputs.video.images import find_images
 
-__all__ = ["FirstFrames", "input_files", "open_views"]
+__all__ = ["FirstFrames", "input_files", "open_views", "quiet_frames"]
+
+
+_OPENING = 16
+"""Frames that are averaged at most: a quarter of the noise."""
+_BLOCK_PX = 16
+_STILL_STD = 5.0
+_STILL_SHARE = 2e-3
+"""Share of blocks that may differ by more than noise explains before something counts as moving."""
+_GREY_LEVELS = 64
+"""Grey levels of an averaged picture in one of the recording: rounding must not add noise."""
 
 
 def open_views(session: Session) -> dict[str, Video]:
@@ -63,6 +74,57 @@ class FirstFrames(Mapping[str, LumaArray]):
     def colors(self) -> dict[str, RgbArray]:
         """The same in colour, shape (height, width, 3), by view."""
         return {view: np.ascontiguousarray(video.color_frame(0)) for view, video in self._videos.items()}
+
+    @cached_property
+    def quiet(self) -> dict[str, LumaArray]:
+        """Mean of the opening frames of every view, as long as nothing moves, shape (height, width), of 16 bits.
+
+        For matching pictures with little texture: noise and the codec's errors change from frame to frame. Grey levels
+        are 64 times finer than those of 8-bit recordings.
+        """
+        return {view: _average_opening(video) for view, video in self._videos.items()}
+
+
+def quiet_frames(frames: Mapping[str, LumaArray]) -> Mapping[str, LumaArray]:
+    """First frames of all views with less noise, where the recordings are there.
+
+    Parameters
+    ----------
+    frames
+        First frame of every view by name, shape (H, W) each; a `FirstFrames` has the recordings.
+    """
+    return frames.quiet if isinstance(frames, FirstFrames) else frames
+
+
+def _average_opening(video: Video) -> LumaArray:
+    """Mean of the first frames that show the same, in finer grey levels."""
+    total, count, noise = None, 0, np.inf
+    for frame in video.frames(stop=_OPENING):
+        luma = frame.luma.astype(np.float32)
+        if total is None:
+            total, count = luma, 1
+            continue
+        change = _block_means(luma - total / count)
+        spread = 1.4826 * float(np.median(np.abs(change)))
+        # Blocks of a still picture change by noise alone, which the first pair of frames shows.
+        noise = min(noise, max(spread, 0.05))
+        if (np.abs(change) > _STILL_STD * noise).mean() > _STILL_SHARE:
+            break
+        total, count = total + luma, count + 1
+    if total is None:
+        raise VideoError(f"{video.info.source}: expected at least one frame, got none; check the recording")
+    levels = _GREY_LEVELS if float(total.max()) / count * _GREY_LEVELS < np.iinfo(np.uint16).max else 1
+    finer: LumaArray = np.rint(total * (levels / count)).astype(np.uint16)
+    return finer
+
+
+def _block_means(image: FloatArray) -> FloatArray:
+    """Means over squares of the image, shape (rows, columns)."""
+    rows, columns = (max(1, size // _BLOCK_PX) for size in image.shape)
+    cut = image[: rows * _BLOCK_PX, : columns * _BLOCK_PX]
+    if cut.shape != (rows * _BLOCK_PX, columns * _BLOCK_PX):
+        return np.asarray(image.mean(keepdims=True))
+    return np.asarray(cut.reshape(rows, _BLOCK_PX, columns, _BLOCK_PX).mean(axis=(1, 3)))
 
 
 def input_files(session: Session) -> Iterator[tuple[str, Path]]:

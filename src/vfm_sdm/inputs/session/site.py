@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
-__all__ = ["Entry", "Length", "Level", "Measured", "Name", "Number", "Positive", "Range", "Site"]
+__all__ = ["Entry", "Length", "Level", "Measured", "Name", "Number", "Positive", "Range", "Readings", "Site"]
 
 # Strict numbers, because pydantic would otherwise take "4.0" and true for numbers without a word.
 Number = Annotated[float, Strict()]
@@ -31,7 +31,7 @@ def _not_zero(length: Measured) -> Measured:
     return length
 
 
-_Distance = Annotated[Measured, AfterValidator(_not_zero)]
+Distance = Annotated[Measured, AfterValidator(_not_zero)]
 
 
 class Level(Entry):
@@ -57,6 +57,18 @@ class Level(Entry):
         return self.value_deg if self.roll_deg is None else self.roll_deg
 
 
+class Readings(Entry):
+    """What was read at a camera other than the reference camera; each of it helps to find its pose."""
+
+    level: Level | None = None
+    perpendicular_distance: Distance | None = None
+    """Distance from this camera to the structure's face, at a right angle to it."""
+    longitudinal_distance: Measured | None = None
+    """Distance along the structure, from the foot of that perpendicular to the centre of this view."""
+    stands: Literal["left", "right"] | None = None
+    """On which side of the reference camera this one stands, for an observer who looks where that one looks."""
+
+
 class Range(Entry):
     """Distance from a camera's optical centre to a point [m]; the reference view's camera when none is named."""
 
@@ -77,9 +89,9 @@ class Length(Entry):
 class Site(Entry):
     """Lengths that a tape measure, a laser or the drawings gave, and level readings."""
 
-    baseline: _Distance | None = None
+    baseline: Distance | None = None
     """Distance between the optical centres of the first two views."""
-    perpendicular_distance: _Distance | None = None
+    perpendicular_distance: Distance | None = None
     """Distance from the reference camera to the structure's face, at a right angle to it."""
     longitudinal_distance: Measured | None = None
     """Distance along the structure, from the foot of that perpendicular to the centre of the reference view."""

@@ -24,6 +24,7 @@ __all__ = ["ContainerSource"]
 # Display matrix (a, b, c, d) of ISO/IEC 14496-12, x' = a x + c y and y' = b x + d y, and the clockwise turn it makes.
 _CLOCKWISE_DEG = {(1, 0, 0, 1): 0, (0, 1, -1, 0): 90, (-1, 0, 0, -1): 180, (0, -1, 1, 0): 270}
 _FIXED_POINT = 65536
+_STRIDE = 7  # a prime: how many frames are decoded after a jump differs from jump to jump
 
 
 class ContainerSource:
@@ -71,6 +72,51 @@ class ContainerSource:
                     np.rot90(luma, turns) if turns else luma,
                     partial(convert_part, picture, rotation_deg=self.info.rotation_deg),
                 )
+
+    def jump(self, count: int, frames: int) -> Generator[Frame]:
+        """Frames near times spread evenly over the file, in order, numbered by their time.
+
+        Parameters
+        ----------
+        count
+            Number of times.
+        frames
+            Largest number of frames to decode after each jump.
+
+        Notes
+        -----
+        A jump lands on the key frame before its time. Where key frames are rare, several times share one; they then
+        end a different number of frames behind it.
+        """
+        duration_s = self.info.duration_s or 0.0
+        turns = -self.info.rotation_deg // 90
+        first, last = None, -1
+        with open_stream(self._path) as (container, video):
+            start = video.start_time or 0
+            for number in range(count):
+                target = start + int((number + 1) / count * duration_s * 0.999 / self._base)
+                try:
+                    container.seek(target, stream=video)
+                    allowed = 1 + (number * _STRIDE) % frames
+                    for decoded, picture in enumerate(container.decode(video)):
+                        if decoded + 1 >= allowed or (picture.pts or 0) >= target:
+                            break
+                    else:
+                        continue
+                except av.FFmpegError as error:
+                    raise DecodeStop(RecordingStatus.CORRUPT, f"damaged data ({error.strerror})") from error
+                self._check_size(picture)
+                first = start if first is None else first
+                index = round(((picture.pts or first) - first) * self._base * Fraction(self.info.fps))
+                if index > last:
+                    last = index
+                    luma = luma_plane(picture)
+                    yield Frame(
+                        index,
+                        float(((picture.pts or first) - first) * self._base),
+                        np.rot90(luma, turns) if turns else luma,
+                        partial(convert_part, picture, rotation_deg=self.info.rotation_deg),
+                    )
 
     def _check_size(self, picture: av.VideoFrame) -> None:
         width, height = _turned_size(picture, self.info.rotation_deg)

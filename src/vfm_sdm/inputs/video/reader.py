@@ -2,8 +2,8 @@
 
 import math
 from array import array
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Generator, Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,8 @@ __all__ = ["Video", "open_images", "open_video"]
 
 _SAMPLE_ROWS = 8
 _BLOCK_ROWS = 128
+_LOOK_PIXELS = 1_500_000_000
+"""Pixels that a look at a recording may decode: some two or three seconds on two processors."""
 
 
 class Video:
@@ -77,6 +79,41 @@ class Video:
         if stop is not None and stop < 1:
             raise DatasetError(f"stop: expected at least one frame, got {stop}; leave it out to read all frames")
         return self._pass(stop)
+
+    def spread(self, count: int, *, also: int = 0) -> Iterator[Frame]:
+        """Frames spread evenly over the view, in order, for a look at what it shows; `report` stays as it is.
+
+        Parameters
+        ----------
+        count
+            Number of frames wanted; fewer come where the view has fewer, ends early or is long.
+        also
+            Index of a frame that comes in any case, before the others.
+
+        Yields
+        ------
+        frame
+            Frames of a pass; in a long recording those that are soon decoded after a jump, whose ``index`` is counted
+            from their times.
+
+        Notes
+        -----
+        The work is bounded, whatever the length: up to `_LOOK_PIXELS` pixels a single pass is read, beyond that the
+        container is asked to jump, and from where it lands (a key frame) only a few frames are decoded.
+        """
+        yield self._frame(also)
+        size = self.info.width * self.info.height
+        known = self.info.frame_count
+        budget = max(_LOOK_PIXELS // size, 4 * count)
+        jump = getattr(self._source, "jump", None)
+        if known is not None and known > budget and jump is not None:
+            frames = jump(count, budget // count)
+        else:
+            frames = _pick(self._source.stream(), count, min(known or budget, budget))
+        with closing(frames), suppress(DecodeStop):  # the pass that measures reports what is damaged
+            for frame in frames:
+                if frame.index != also:
+                    yield frame
 
     def first_frame(self) -> Frame:
         """The first frame; `report` stays as it is.
@@ -147,6 +184,17 @@ class Video:
                 raise
         finally:
             self._report = tally.report(self.info, status, detail)
+
+
+def _pick(frames: Generator[Frame], count: int, total: int) -> Generator[Frame]:
+    """Some of the first frames, as evenly spaced as their number allows."""
+    wanted = set(np.linspace(0, total - 1, min(count + 1, total)).round().astype(int).tolist())
+    with closing(frames):
+        for frame in frames:
+            if frame.index in wanted:
+                yield frame
+            if frame.index >= total - 1:
+                return
 
 
 class _Tally:

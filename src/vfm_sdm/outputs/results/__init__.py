@@ -1,5 +1,6 @@
 """The run folder: tracks, displacement and summary written so that they are whole or absent, and read back."""
 
+from vfm_sdm.outputs.results.causes import first_cause
 from vfm_sdm.outputs.results.exports import write_displacement, write_export
 from vfm_sdm.outputs.results.notes import (
     describe_camera_motion,
@@ -18,6 +19,7 @@ __all__ = [
     "describe_recording",
     "describe_refinement",
     "displacement_notes",
+    "first_cause",
     "read_summary",
     "recording_notes",
     "summarize_displacement",

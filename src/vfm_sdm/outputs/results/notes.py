@@ -6,16 +6,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.statuses import ClockStatus, RecordingStatus, RefinementStatus
+from vfm_sdm.core.statuses import ClockStatus, PointStatus, RecordingStatus, RefinementStatus
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
+from vfm_sdm.stages.registration.designs import Warp
 
 __all__ = [
     "describe_camera_motion",
     "describe_clocks",
     "describe_recording",
     "describe_refinement",
+    "describe_subsets",
     "displacement_notes",
     "recording_notes",
+    "subset_notes",
 ]
 
 _CLEAN_BITS_PER_PIXEL = 1.0
@@ -57,6 +60,48 @@ def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
         for what in ("dropped", "duplicated"):
             if record.get(what, 0):
                 notes.append(f"view {view!r}: {record[what]} {what} frames of {record['frames']}")
+    return notes
+
+
+def describe_subsets(tracks: xr.Dataset) -> dict[str, Any]:
+    """Status, warp, side [px] and believed share [1] of the subsets of a view, by point; empty where none was chosen.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of the view, shape (T, P, 2) [px].
+    """
+    names = {"status": "subset_status", "warp": "warp", "subset_px": "subset_px", "believed": "believed"}
+    if any(variable not in tracks for variable in names.values()):
+        return {}
+    return {
+        str(point): {name: tracks[variable].sel(point=point).item() for name, variable in names.items()}
+        for point in tracks["point"].values
+    }
+
+
+def subset_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
+    """Sentences on points that were refused before tracking, and on those that are measured across an edge only.
+
+    Parameters
+    ----------
+    tracks
+        Tracks by view, shape (T, P, 2) [px].
+    """
+    notes = []
+    for view, found in tracks.items():
+        for point, row in describe_subsets(found).items():
+            if row["status"] == PointStatus.NO_TEXTURE:
+                place = found["nearest_texture"].sel(point=point).values
+                u, v = place
+                would_do = f"({u:.0f}, {v:.0f}) would do" if np.isfinite(place).all() else "none near would do"
+                notes.append(
+                    f"point {point!r} in view {view!r}: not tracked: {row['status']}; name another: {would_do}"
+                )
+        edges = [point for point, row in describe_subsets(found).items() if row["warp"] == Warp.EDGE]
+        if edges:
+            listed = ", ".join(repr(point) for point in edges)
+            notes.append(f"view {view!r}: measured across an edge only, nothing along it: {listed}")
     return notes
 
 

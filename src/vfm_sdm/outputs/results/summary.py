@@ -18,8 +18,10 @@ from vfm_sdm.outputs.results.notes import (
     describe_clocks,
     describe_recording,
     describe_refinement,
+    describe_subsets,
     displacement_notes,
     recording_notes,
+    subset_notes,
 )
 from vfm_sdm.signals.spectrum import dominant_frequency
 from vfm_sdm.stages.audit import Audit
@@ -101,7 +103,7 @@ def describe_measurement(
     return {
         "status": cameras.status,
         "audit": None if audit is None else audit.as_table(),
-        "notes": [*cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
+        "notes": [*subset_notes(tracks), *cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
         "points": {} if displacement is None else summarize_displacement(displacement),
         "frame": None if displacement is None else displacement.attrs["frame"],
         "cameras": {
@@ -112,6 +114,7 @@ def describe_measurement(
                 for view in cameras.points["view"].values
             },
         },
+        "subsets": {view: describe_subsets(t) for view, t in tracks.items()},
         "recordings": {view: describe_recording(t) for view, t in tracks.items()},
         "clocks": {} if displacement is None else describe_clocks(displacement),
         "camera_motion": {} if displacement is None else describe_camera_motion(displacement),

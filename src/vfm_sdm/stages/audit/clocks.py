@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.statuses import ClockStatus, Outcome
+from vfm_sdm.core.statuses import ClockStatus, ClockUse, Outcome
 from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs, Limits, judge
 from vfm_sdm.stages.synchronize import LagSearch, Synchronization, estimate_view_lag
 
@@ -33,8 +33,9 @@ def check_synchronization(inputs: AuditInputs) -> AuditCheck:
         name,
         left,
         Limits(_LAG_CAUTION_S, _LAG_FAIL_S, "s"),
-        good="the views are synchronised",
-        bad="'{}' is not synchronised with the reference view; let the motion do it (method.synchronization)",
+        good="the views are synchronised" + _name_others(inputs),
+        bad="'{}' is not synchronised with the reference view; let the motion do it (method.synchronization)"
+        + _name_others(inputs),
     )
 
 
@@ -80,6 +81,15 @@ def _estimate_lags(inputs: AuditInputs, aligned: xr.Dataset) -> dict[str, Synchr
 def _explain_no_lag(*lags: Synchronization) -> str:
     """Sentence that says why the motion tells no lag."""
     return f"the motion does not tell: {next((lag.status for lag in lags if not lag.ok), ClockStatus.NO_MOTION)}"
+
+
+def _name_others(inputs: AuditInputs) -> str:
+    """Part of a sentence that names the points left out because they move otherwise."""
+    uses = inputs.aligned.get("clock_use")
+    if uses is None:
+        return ""
+    names = [str(p) for p in uses["point"].values if (uses.sel(point=p) == ClockUse.DISAGREES).any()]
+    return f"; without {', '.join(map(repr, names))}, which moves otherwise than most: check its place" if names else ""
 
 
 def _exceed_noise(lag: Synchronization, other: Synchronization | None = None) -> float:

@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.covariances import find_edges
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import CameraStatus, Outcome
 from vfm_sdm.geometry.triangulation import sampson_error
@@ -149,14 +150,18 @@ def _compare_pairs(inputs: AuditInputs) -> dict[str, tuple[str, tuple[str, str],
     rig = inputs.cameras.rig
     if rig is None:
         return {}
-    chosen = inputs.aligned.sel(point=inputs.moving)
+    edge = find_edges(inputs.aligned)
+    # Where an edge was tracked in one view is not the place along it where it was in the other.
+    whole = [p for p, of in zip(inputs.aligned["point"].values.tolist(), edge, strict=True) if not of]
+    moving = [point for point in inputs.moving if point in whole]
+    chosen = inputs.aligned.sel(point=moving)
     ok = (chosen["status"].values == Status.OK) | (chosen["status"].values == Status.UNRELIABLE)
     pixels = np.where(ok[..., None], chosen["position"].values, np.nan)
     found = {}
     for first, second in combinations(range(len(rig)), 2):
         errors = sampson_error(pixels[first], pixels[second], rig, first=first, second=second)
         pair = rig.names[first], rig.names[second]
-        for point, error in zip(inputs.moving, errors.T, strict=True):
+        for point, error in zip(moving, errors.T, strict=True):
             if np.isfinite(error).any():
                 where = point if len(rig) == 2 else f"{point} in {pair[0]} and {pair[1]}"
                 found[where] = (point, pair, error)

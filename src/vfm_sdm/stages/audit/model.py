@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray, mean_of_known
-from vfm_sdm.core.statuses import Outcome, Verdict
+from vfm_sdm.core.covariances import edges_across, measured_variance
+from vfm_sdm.core.statuses import Outcome, PointStatus, Verdict
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.camera_motion import ViewMotion
@@ -173,8 +174,17 @@ class AuditInputs:
 
     @property
     def moving(self) -> list[str]:
-        """Names of the points on the structure."""
-        return [p.name for p in self.session.point if not p.static]
+        """Names of the points on the structure, without those that were refused before tracking."""
+        return [p.name for p in self.session.point if not (p.static or self._is_refused(p.name))]
+
+    def _is_refused(self, point: str) -> bool:
+        """Whether a point has a subset in less than two views, or in one of one."""
+        tracks = self.given.get("tracks")
+        if not isinstance(tracks, Mapping):
+            return False
+        views = [one for one in tracks.values() if "subset_status" in one and point in one["point"].values]
+        refused = [one["subset_status"].sel(point=point).item() == PointStatus.NO_TEXTURE for one in views]
+        return any(refused) and len(tracks) - sum(refused) < min(2, len(tracks))
 
     @property
     def static(self) -> list[str]:
@@ -207,7 +217,7 @@ class AuditInputs:
         chosen = self.aligned.sel(view=view, point=self.moving)
         with np.errstate(invalid="ignore"):
             variance = chosen["position"].var("time").sum("pixel", skipna=False).values
-        noise = np.einsum("tpii->tp", chosen["position_covariance"].values)
+        noise = measured_variance(chosen["position_covariance"].values, edges_across(chosen))
         return np.asarray(np.sqrt(np.maximum(variance - mean_of_known(noise), 0.0)))
 
 

@@ -3,14 +3,16 @@
 from collections.abc import Iterator
 
 import numpy as np
+import xarray as xr
 from scipy.ndimage import shift as shift_image
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.covariances import edges_across
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import Outcome, RecordingStatus, RefinementStatus
 from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
-from vfm_sdm.stages.registration.subsets import Starts, register_subset
+from vfm_sdm.stages.registration.subsets import SubsetBank, SubsetDesign, Warp
 
 __all__ = ["check_gain", "check_recording", "check_refinement", "check_signal"]
 
@@ -34,7 +36,7 @@ def check_signal(inputs: AuditInputs) -> AuditCheck:
     for point in inputs.moving:
         for axis in axes:
             series = data.sel(point=point, axis=axis)
-            ok = series["status"].values == Status.OK
+            ok = (series["status"].values == Status.OK) & np.isfinite(series["displacement"].values)
             if ok.sum() > 10:
                 noise = float(np.mean(series["displacement_std"].values[ok] ** 2))
                 excess = max(float(np.var(series["displacement"].values[ok])) - noise, 0.0)
@@ -75,7 +77,8 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
     for view, image in inputs.frames.items():
         for point in inputs.moving:
             u, v = inputs.cameras.points["position"].sel(view=view, point=point).values
-            gain = _measure_gain(image, (float(u), float(v)), inputs.session.method.subset_px)
+            design = _find_design(inputs.tracks[view], point, inputs.session.method.usual_subset_px)
+            gain = _measure_gain(image, (float(u), float(v)), design)
             if np.isfinite(gain):
                 found[f"{point} in {view}"] = abs(gain - 1)
     return judge(
@@ -119,7 +122,7 @@ def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
         for point, status in zip(
             inputs.displacement["point"].values, inputs.displacement["refinement_status"].values, strict=True
         )
-        if status != RefinementStatus.OK and str(point) in inputs.moving
+        if status not in (RefinementStatus.OK, RefinementStatus.EDGE) and str(point) in inputs.moving
     }
     share = len(refused) / max(len(inputs.moving), 1)
     if refused:
@@ -147,9 +150,22 @@ def _weigh_assumptions(inputs: AuditInputs) -> Iterator[tuple[str, float]]:
                 yield f"{axis} of {point}", float(assumption[row, column] / random[row, column])
 
 
-def _measure_gain(image: LumaArray, place: tuple[float, float], subset_px: int) -> float:
+def _find_design(tracks: xr.Dataset, point: str, subset_px: int) -> SubsetDesign | None:
+    """How a view's tracks say that a point was registered, less its mask; ``None`` where it was not."""
+    one = tracks.sel(point=point)
+    if "warp" not in one:
+        return SubsetDesign(subset_px)
+    if not one["warp"].item():
+        return None
+    warp, across = Warp(str(one["warp"].item())), edges_across(one)
+    return SubsetDesign(int(one["subset_px"].item()), warp, across=across if warp == Warp.EDGE else None)
+
+
+def _measure_gain(image: LumaArray, place: tuple[float, float], design: SubsetDesign | None) -> float:
     """Slope of found over injected shifts at a point: 0 where none is found, NaN where the subset leaves the image."""
-    half = subset_px // 2 + _MARGIN_PX
+    if design is None:
+        return float("nan")
+    half = design.subset_px // 2 + _MARGIN_PX
     if not np.isfinite(place).all():
         return float("nan")
     u, v = (round(x) for x in place)
@@ -164,15 +180,15 @@ def _measure_gain(image: LumaArray, place: tuple[float, float], subset_px: int) 
         moved = shift_image(grey, (dv, du), order=5, mode="reflect") + rng.normal(0, noise, grey.shape)
         # In 16 bit, so that rounding does not matter, whatever the recording has.
         as_filmed = np.clip(np.rint(_FINE * moved), 0, np.iinfo(np.uint16).max).astype(np.uint16)
-        result = register_subset(
-            _FINE * patch.astype(np.uint16), as_filmed, center, Starts(center), subset_px=subset_px
-        )
+        bank = SubsetBank.prepare(_FINE * patch.astype(np.uint16), center, designs=[design])
+        result = bank.register(as_filmed, center)
         if result.converged[0]:
             injected.append((du, dv))
             found.append(result.position[0] - center[0])
     if len(found) < len(_SHIFTS_PX) // 2 + 1:
         return 0.0
-    a, b = np.ravel(injected), np.ravel(found)
+    seen = np.eye(2) if design.across is None else design.direction()
+    a, b = np.ravel(injected @ seen), np.ravel(found @ seen)
     return float(a @ b / (a @ a))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known, unbroken_runs
+from vfm_sdm.core.covariances import edges_across, find_edges, measured_variance
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
@@ -91,8 +92,11 @@ def check_slip(inputs: AuditInputs) -> AuditCheck:
     vertical = [str(a) for a in data["axis"].values if str(a) in ("vertical", "down")]
     for point in inputs.moving:
         one = data.sel(point=point)
-        ok = one["status"].values == Status.OK
-        if ok.sum() < 4 * _BLOCKS or not suspicious or not vertical:
+        if not suspicious or not vertical:
+            continue
+        measured = np.isfinite(one["displacement"].sel(axis=[suspicious[0], vertical[0]]).values).all(axis=-1)
+        ok = (one["status"].values == Status.OK) & measured
+        if ok.sum() < 4 * _BLOCKS:
             continue
         scale[point] = float(np.ptp(one["displacement"].sel(axis=vertical[0]).values[ok]))
         along = one.sel(axis=suspicious[0])
@@ -261,8 +265,9 @@ def _find_moving(track: xr.Dataset) -> BoolArray:
 
 
 def _compute_noise(track: xr.Dataset) -> float:
-    """Mean stated variance of a track, u and v together [px2]."""
-    return float(mean_of_known(np.einsum("tii->t", track["position_covariance"].values)))
+    """Mean stated variance of a track, u and v together or across an edge [px2]."""
+    covariance = track["position_covariance"].values[:, None]
+    return float(mean_of_known(measured_variance(covariance, edges_across(track)[None]))[0])
 
 
 def _centre(position: FloatArray) -> FloatArray:
@@ -271,7 +276,12 @@ def _centre(position: FloatArray) -> FloatArray:
 
 
 def _compute_common_motion(tracks: xr.Dataset, static: list[str]) -> tuple[FloatArray, float]:
-    """Mean motion of a view's static points, shape (T, 2) [px], and its noise, u and v together [px]."""
+    """Mean motion of a view's static points, shape (T, 2) [px], and its noise, u and v together [px].
+
+    Edges, which see a part of the motion, are left out.
+    """
+    edge = dict(zip(tracks["point"].values.tolist(), find_edges(tracks), strict=True))
+    static = [point for point in static if not edge[point]]
     chosen = tracks.sel(point=static)
     known = np.isfinite(chosen["position"].values).all(axis=(1, 2))
     if not static or known.sum() < 10:
@@ -297,4 +307,6 @@ def _compute_excess(series: xr.Dataset) -> float:
         return float("nan")
     variance = series["displacement"].values[ok].var(axis=0)
     noise = (NOISE_TRUST * series["displacement_std"].values[ok]) ** 2
-    return float(np.sqrt(np.maximum(variance - noise.mean(axis=0), 0.0).sum()))
+    excess = np.maximum(variance - noise.mean(axis=0), 0.0)
+    measured = np.isfinite(excess)
+    return float(np.sqrt(excess[measured].sum())) if measured.any() else float("nan")

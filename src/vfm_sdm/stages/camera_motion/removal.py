@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
+from vfm_sdm.core.covariances import edges_across, measured_variance
 from vfm_sdm.core.datasets import Status, check_tracks, trusted_values
 from vfm_sdm.core.statuses import CameraMotionStatus
 from vfm_sdm.errors import DatasetError
@@ -187,12 +188,14 @@ def _remove_from_view(
     covariance = tracks["position_covariance"].values[:, usable]
     estimate = estimate_motion(position[:, usable], covariance, jacobian[usable])
     seen = np.asarray(np.isfinite(position[:, usable]).all(axis=-1))
-    shift, left = _compute_shifts(position[:, usable], seen, jacobian[usable], estimate)
+    across = edges_across(tracks)[usable]
+    shifts = _compute_shifts(position[:, usable], seen, jacobian[usable], estimate)
+    shift, left = (_keep_measured(one, across) for one in shifts)
     before, after = _compute_scatter(shift), _compute_scatter(left)
     if estimate.likelihood_ratio < _SIGNIFICANT:
         status = CameraMotionStatus.STILL
     elif len(usable) == 1:
-        noise_px = _root_mean_square(np.sqrt(np.einsum("tpii->tp", covariance)[seen]))
+        noise_px = _root_mean_square(np.sqrt(measured_variance(covariance, across)[seen]))
         clear = before[0] > max(_CLEAR * noise_px, _CLEAR_PX)
         status = CameraMotionStatus.ONE_POINT if clear else CameraMotionStatus.STILL
     else:
@@ -218,6 +221,12 @@ def _compute_shifts(
     others = seen & (seen.sum(axis=1, keepdims=True) > 1)
     shift = np.where(others[..., None], position - estimate.rest, np.nan)
     return shift, shift - predicted
+
+
+def _keep_measured(shift: FloatArray, across: FloatArray) -> FloatArray:
+    """Shifts (T, S, 2) [px]; of edges, whose directions across are (S, 2), the part across."""
+    part = np.einsum("tpi,pi->tp", shift, across)[..., None] * across
+    return np.where(np.isfinite(across), part, shift)
 
 
 def _compute_predicted_share(shift: FloatArray, left: FloatArray) -> float:

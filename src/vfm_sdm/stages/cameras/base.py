@@ -9,7 +9,23 @@ from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import FirstFrames, Method, Session
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["CameraEstimate", "CameraEstimator", "estimator_of", "find_estimator"]
+__all__ = ["CameraEstimate", "CameraEstimator", "Hypothesis", "estimator_of", "find_estimator"]
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Cameras that the images allow beside others, see `CameraEstimate`.
+
+    Parameters
+    ----------
+    rig
+        Cameras of all views with their prior covariance.
+    matches
+        Matches that agree with them.
+    """
+
+    rig: Rig
+    matches: tuple[Matches, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +44,15 @@ class CameraEstimate:
         ``"ok"``, or the name of what makes the estimate doubtful or impossible.
     notes
         Sentences for the summary and the audit.
+    others
+        Further cameras that the images allow; the adjustment to the site decides.
     """
 
     rig: Rig | None
     matches: tuple[Matches, ...] = ()
     status: str = CameraStatus.OK
     notes: tuple[str, ...] = ()
+    others: tuple[Hypothesis, ...] = ()
 
 
 class CameraEstimator(Protocol):

@@ -76,8 +76,7 @@ def group_matches(matches: Matches, image_size: tuple[int, int]) -> CellMatches:
     ([0, 0, 35], [0.707, 0.707, 1.0])
     """
     chosen, weight, cell = _thin_by_cell(matches.points_first, image_size)
-    thinned = Matches(matches.first, matches.second, matches.points_first[chosen], matches.points_second[chosen])
-    return CellMatches(thinned, weight, cell)
+    return CellMatches(matches.chosen(chosen), weight, cell)
 
 
 def group_points(points: SharedPoints, image_size: tuple[int, int]) -> CellPoints:

@@ -22,9 +22,9 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.cameras.base import CameraEstimate
 from vfm_sdm.stages.cameras.priors import CameraPriors, read_priors
-from vfm_sdm.stages.cameras.two_view import MIN_INLIERS
+from vfm_sdm.stages.cameras.related_views import MIN_INLIERS
 from vfm_sdm.stages.matching.base import FeatureMatcher
-from vfm_sdm.stages.matching.features import to_eight_bit
+from vfm_sdm.stages.matching.detection import to_eight_bit
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["SfmCameras"]

@@ -128,7 +128,7 @@ def chain_matches(matches: Sequence[Matches]) -> tuple[list[Matches], list[Share
     pairs = []
     for m, first in zip(matches, ends, strict=True):
         alone: BoolArray = np.array([chains.root(a) not in whole for a in first.tolist()], dtype=np.bool_)
-        pairs.append(Matches(m.first, m.second, m.points_first[alone], m.points_second[alone]))
+        pairs.append(m.chosen(alone))
     return pairs, [SharedPoints(views, np.stack(points, axis=1)) for views, points in sorted(shared.items())]
 
 

@@ -18,7 +18,7 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
-from vfm_sdm.inputs.session import Site
+from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
 from vfm_sdm.stages.matching.matches import Matches
 
@@ -94,6 +94,8 @@ class SiteAdjustment:
         Sentences for the summary about quantities that disagree or that the data could not determine.
     epipolar_rms_px
         Root mean square epipolar error of the matches after the adjustment [px]; NaN without matches.
+    cost
+        Sum of all squared residuals over their standard deviations, priors included [1].
     """
 
     rig: Rig
@@ -103,6 +105,7 @@ class SiteAdjustment:
     status: str
     notes: tuple[str, ...]
     epipolar_rms_px: float
+    cost: float
 
 
 def adjust_to_site(
@@ -112,7 +115,7 @@ def adjust_to_site(
     points: Mapping[str, FloatArray] | None = None,
     *,
     face_points: frozenset[str] = frozenset(),
-    levels: Mapping[str, tuple[float, float, float]] | None = None,
+    readings: Mapping[str, Readings] | None = None,
 ) -> SiteAdjustment:
     """Cameras and structural axes that agree best with lens priors, matches and everything measured on site.
 
@@ -130,8 +133,8 @@ def adjust_to_site(
         see a point; ranges and lengths refer to them.
     face_points
         Names of those points that lie on the structure's face, whose perpendicular distance was measured.
-    levels
-        Pitch, roll and their standard deviation [rad] of views other than the reference view.
+    readings
+        What was read at cameras other than the reference camera, by view.
 
     Returns
     -------
@@ -151,7 +154,7 @@ def adjust_to_site(
     parameters of the rig by central differences. Errors of matches are correlated over the image, so that thousands of
     them carry the weight of a few dozen: see `vfm_sdm.stages.cameras.site_problem.SiteProblem`.
     """
-    problem = SiteProblem(rig, matches, site, points or {}, face_points=face_points, levels=levels or {})
+    problem = SiteProblem(rig, matches, site, points or {}, face_points=face_points, readings=readings or {})
     solution = _minimize_residuals(problem, np.zeros(problem.size))
     if problem.cell_rms(solution.x) > problem.match_std_px:
         # The errors of the camera model exceed the assumed standard deviation: the matches get less weight.
@@ -169,7 +172,8 @@ def adjust_to_site(
     rig = Rig(rig.names, rig.cameras, metric, joint[:count, :count])
     quantities = _list_quantities(problem, solution.x, whitened)
     status, notes = _judge(quantities, problem, bool(solution.success))
-    return SiteAdjustment(rig, frame, joint, quantities, status, notes, problem.epipolar_rms(solution.x))
+    rms = problem.epipolar_rms(solution.x)
+    return SiteAdjustment(rig, frame, joint, quantities, status, notes, rms, 2 * float(solution.cost))
 
 
 def _minimize_residuals(problem: SiteProblem, start: FloatArray) -> OptimizeResult:

@@ -1,7 +1,6 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -11,12 +10,13 @@ from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.geometry.triangulation import sampson_error, triangulate
-from vfm_sdm.inputs.session import Site
+from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.match_cells import group_matches, group_points
 from vfm_sdm.stages.cameras.shared_points import chain_matches
+from vfm_sdm.stages.cameras.site_values import AdjustedValue, SiteState, list_measured
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["DISTANCE", "MATCH_STD_PX", "AdjustedValue", "SiteProblem"]
+__all__ = ["DISTANCE", "MATCH_STD_PX", "SiteProblem"]
 
 DISTANCE = "distance"
 """First word of the names of the distances from the reference camera to the third and further cameras."""
@@ -33,36 +33,12 @@ _UNSTATED_LEVEL_STD = np.radians(1.0)
 """Standard deviation of pitch and roll without a level reading: a tripod head set by eye [rad]."""
 
 
-@dataclass(frozen=True)
-class AdjustedValue:
-    """Value of a quantity at some parameters, with its prior or measured value.
-
-    Parameters
-    ----------
-    name, units
-        Name and unit of the quantity.
-    prior, prior_std
-        Prior or measured value and its standard deviation [units].
-    value
-        Value at the parameters [units].
-    measured
-        Whether the quantity is a reading on site; else it is a parameter with a prior.
-    """
-
-    name: str
-    units: str
-    prior: float
-    prior_std: float
-    value: float
-    measured: bool = False
-
-
 class SiteProblem:
     """Whitened parameters, each with a standard normal prior, and the residuals of everything that was measured.
 
     Parameters
     ----------
-    rig, matches, site, points, face_points, levels
+    rig, matches, site, points, face_points, readings
         Arguments of `vfm_sdm.stages.cameras.site.adjust_to_site`.
 
     Raises
@@ -73,8 +49,8 @@ class SiteProblem:
     Notes
     -----
     The parameters are those of the rig, with the pose of the reference camera fixed; pitch and roll of the reference
-    camera; perpendicular and longitudinal distance; the common offset of points from the face; and pixel errors of the
-    named points in use.
+    camera; perpendicular and longitudinal distance; the common offset of points from the face and its lean, the offset
+    of matches at the lower border of the image; and pixel errors of the named points in use.
 
     The residual of a match is its Sampson error over ``match_std_px * sqrt(n)``, with ``n`` the number of matches in
     its cell of a 6 x 6 grid over the image, so that a cell weighs as one observation however many matches it holds.
@@ -84,7 +60,7 @@ class SiteProblem:
     ``multidic_cylinder`` that gave 73 % too much displacement with a residual of 0.2 px.
 
     Residuals of matches and shared points pass through the pseudo-Huber loss with a limit of three standard
-    deviations.
+    deviations. So do the distances from the face of matches that lie on it, over its standard deviation.
     """
 
     def __init__(
@@ -95,14 +71,14 @@ class SiteProblem:
         points: Mapping[str, FloatArray],
         *,
         face_points: Iterable[str] = (),
-        levels: Mapping[str, tuple[float, float, float]],
+        readings: Mapping[str, Readings],
     ) -> None:
         if rig.covariance is None:
             raise CameraError("site adjustment: expected a rig with a prior covariance, got none; state the priors")
         self._start = rig
         self._rigs: dict[bytes, Rig] = {}
         self._site = site
-        self._levels = dict(levels)
+        self._readings = dict(readings)
         self._face = [name for name in face_points if name in points]
         self.has_axes = site.perpendicular_distance is not None and site.longitudinal_distance is not None
         self._points = {name: as_float_array(points[name], f"point {name!r}", (len(rig), 2)) for name in points}
@@ -111,6 +87,8 @@ class SiteProblem:
         pairs, shared = chain_matches(matches)
         self._pairs = [group_matches(m, rig.cameras[m.first].image_size) for m in pairs if len(m.points_first)]
         self._shared = [group_points(points, rig.cameras[points.views[0]].image_size) for points in shared]
+        # Of the cells' few matches on the face; one cell is one place of it, as of the epipolar errors.
+        self._on_face = [group for group in self._cells if group.matches.on_face.any()] if self.has_axes else []
         self.match_std_px = MATCH_STD_PX
         self._factor = _factor_prior(rig.covariance)
         self._rig_size = self._factor.shape[1]
@@ -155,7 +133,7 @@ class SiteProblem:
         structure_from_cam1
             Rotation matrix, shape (3, 3); the identity when the distances that give the axes were not measured.
         """
-        pitch, roll, perpendicular, longitudinal, _ = self._get_extra(z)
+        pitch, roll, perpendicular, longitudinal, *_ = self._get_extra(z)
         if not self.has_axes:
             return np.eye(3)
         camera = self.rig(z).cameras[0]
@@ -180,7 +158,7 @@ class SiteProblem:
             Residuals, shape (M + R,) [1]; the first M are the parameters themselves.
         """
         matches = [self._compute_match_residuals(z), self._compute_shared_residuals(z)]
-        return np.concatenate([z, *matches, self._compute_length_residuals(z)])
+        return np.concatenate([z, *matches, self._compute_surface_residuals(z), self._compute_length_residuals(z)])
 
     def jacobian(self, z: FloatArray) -> FloatArray:
         """Derivative of `residuals` by finite differences.
@@ -198,7 +176,12 @@ class SiteProblem:
         matches = [_differentiate(self._compute_match_residuals, z, self._rig_size)]
         if self._shared:
             matches.append(_differentiate_centrally(self._compute_shared_residuals, z, self._rig_size))
-        padded = np.pad(np.concatenate(matches), ((0, 0), (0, self.size - self._rig_size)))
+        moving = self._rig_size
+        if self._on_face:
+            moving += self._extra_std.size
+            matches = [np.pad(part, ((0, 0), (0, self._extra_std.size))) for part in matches]
+            matches.append(_differentiate_centrally(self._compute_surface_residuals, z, moving))
+        padded = np.pad(np.concatenate(matches), ((0, 0), (0, self.size - moving)))
         return np.concatenate([np.eye(self.size), padded, _differentiate(self._compute_length_residuals, z, self.size)])
 
     def quantities(self, z: FloatArray) -> list[AdjustedValue]:
@@ -228,7 +211,7 @@ class SiteProblem:
             )
             values += [AdjustedValue(f"{what} {name}", unit, p, s, v) for what, unit, p, s, v in rows if s > 0]
         values += self._list_distances(rig)
-        values += self._list_measured(z, rig, self._triangulate_points(z, rig))
+        values += list_measured(self._state(z), self._site, self._readings)
         extra = self._get_extra(z)
         for index, name in enumerate(("pitch reference camera", "roll reference camera")):
             prior, std = np.degrees([self._extra_prior[index], self._extra_std[index]])
@@ -278,6 +261,8 @@ class SiteProblem:
         rig = self.rig(z)
         squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
         for group in self._pairs:
+            if group.matches.std_px:
+                continue
             error = _compute_epipolar_error(group.matches, rig)
             means = [float(np.median(error[group.cell == cell])) for cell in np.unique(group.cell)]
             squares, free = squares + float(np.sum(np.square(means))), free + len(means)
@@ -318,21 +303,21 @@ class SiteProblem:
         return sorted(set(wanted))
 
     def _read_extra_priors(self) -> tuple[FloatArray, FloatArray]:
-        """Prior values and standard deviations of pitch, roll, perpendicular, longitudinal, face offset."""
+        """Prior values and standard deviations of pitch, roll, perpendicular, longitudinal, face offset and lean."""
         level = self._site.reference_camera_level
         pitch, roll, std = (0.0, 0.0, _UNSTATED_LEVEL_STD)
         if level is not None:
             pitch, roll, std = np.radians([level.pitch, level.roll, level.std_deg])
         across, along = self._site.perpendicular_distance, self._site.longitudinal_distance
         if across is None or along is None:
-            return np.array([pitch, roll, 1.0, 1.0, 0.0]), np.array([std, std, 0.0, 0.0, 0.0])
+            return np.array([pitch, roll, 1.0, 1.0, 0.0, 0.0]), np.array([std, std, 0.0, 0.0, 0.0, 0.0])
         return (
-            np.array([pitch, roll, across.value, along.value, 0.0]),
-            np.array([std, std, across.std, along.std, self._site.face_offset_std]),
+            np.array([pitch, roll, across.value, along.value, 0.0, 0.0]),
+            np.array([std, std, across.std, along.std, self._site.face_offset_std, self._site.face_offset_std]),
         )
 
     def _get_extra(self, z: FloatArray) -> FloatArray:
-        """Pitch, roll, perpendicular, longitudinal and face offset at ``z``, shape (5,) [rad, m]."""
+        """Pitch, roll, perpendicular, longitudinal, face offset and lean at ``z``, shape (6,) [rad, m]."""
         part = z[self._rig_size : self._rig_size + self._extra_std.size]
         return np.asarray(self._extra_prior + self._extra_std * part)
 
@@ -344,46 +329,44 @@ class SiteProblem:
         pixels = np.stack([self._points[name] for name in self._used]) + shift
         return dict(zip(self._used, triangulate(pixels.swapaxes(0, 1), rig), strict=True))
 
-    def _list_measured(self, z: FloatArray, rig: Rig, points: Mapping[str, FloatArray]) -> list[AdjustedValue]:
-        """Baseline, ranges, lengths and level readings beside their values at the parameters."""
-        values = []
-        if self._site.baseline is not None:
-            b = self._site.baseline
-            values.append(AdjustedValue("baseline", "m", b.value, b.std, rig.baseline(), True))
-        for r in self._site.range:
-            view = r.view or rig.names[0]
-            distance = np.linalg.norm(points[r.point] - rig.camera(view).center)
-            values.append(AdjustedValue(f"range {view} to {r.point}", "m", r.value, r.std, float(distance), True))
-        for s in self._site.length:
-            first, second = (points[name] for name in s.points)
-            name = f"length {s.points[0]} to {s.points[1]}"
-            values.append(AdjustedValue(name, "m", s.value, s.std, float(np.linalg.norm(first - second)), True))
-        pitch, roll = self._get_extra(z)[:2]
-        level_from_cam1 = structure_from_cam1(0.0, pitch_rad=pitch, roll_rad=roll)
-        for view, (view_pitch, view_roll, std) in self._levels.items():
-            axes = level_from_cam1 @ rig.camera(view).rotation.T
-            tilt = -np.arcsin(axes[1, 2]) - view_pitch
-            turn = np.arctan2(axes[1, 0], axes[1, 1]) - view_roll
-            for name, prior, off in (("pitch", view_pitch, tilt), ("roll", view_roll, turn)):
-                prior_deg, std_deg, off_deg = np.degrees([prior, std, off])
-                values.append(AdjustedValue(f"{name} {view}", "deg", prior_deg, std_deg, prior_deg + off_deg, True))
-        return values
+    def _state(self, z: FloatArray) -> SiteState:
+        """What the parameters say of everything that is measured on site."""
+        rig = self.rig(z)
+        pitch, roll, perpendicular, *_ = self._get_extra(z)
+        axes = self.structure_rotation(z) if self.has_axes else None
+        return SiteState(rig, self._triangulate_points(z, rig), pitch, roll, perpendicular, axes)
 
     def _compute_length_residuals(self, z: FloatArray) -> FloatArray:
         """Residuals of everything measured on site over their standard deviations."""
-        rig = self.rig(z)
-        points = self._triangulate_points(z, rig)
-        measured = [(q.value - q.prior) / q.prior_std for q in self._list_measured(z, rig, points)]
-        return np.concatenate([np.asarray(measured, dtype=np.float64), self._compute_face_residuals(z, points)])
+        state = self._state(z)
+        measured = [(q.value - q.prior) / q.prior_std for q in list_measured(state, self._site, self._readings)]
+        return np.concatenate([np.asarray(measured, dtype=np.float64), self._compute_face_residuals(z, state.points)])
 
     def _compute_face_residuals(self, z: FloatArray, points: Mapping[str, FloatArray]) -> FloatArray:
         """Lateral coordinate of points on the face less the perpendicular distance, over the standard deviation."""
         if not (self.has_axes and self._face):
             return np.empty(0)
         lateral_axis = self.structure_rotation(z)[0]
-        _, _, perpendicular, _, offset = self._get_extra(z)
+        _, _, perpendicular, _, offset, _ = self._get_extra(z)
         lateral = np.array([points[name] @ lateral_axis for name in self._face])
         return np.asarray((lateral - perpendicular - offset) / self._site.face_offset_std)
+
+    def _compute_surface_residuals(self, z: FloatArray) -> FloatArray:
+        """Robust, weighted distances from the face of matches on it."""
+        rig = self.rig(z)
+        lateral_axis = self.structure_rotation(z)[0]
+        _, _, perpendicular, _, offset, lean = self._get_extra(z)
+        parts = [np.empty(0)]
+        for group in self._on_face:
+            m = group.matches.chosen(group.matches.on_face)
+            pair = Rig(("first", "second"), (rig.cameras[m.first], rig.cameras[m.second]))
+            lateral = triangulate(np.stack([m.points_first, m.points_second]), pair) @ lateral_axis
+            # What lies on a face is stepped along its height: an edge beam above, a girder behind it below.
+            height = rig.cameras[m.first].image_size[1] / 2
+            shift = offset + lean * (m.points_first[:, 1] / height - 1)
+            scaled = (lateral - perpendicular - shift) / self._site.face_offset_std
+            parts.append(_bend(scaled) * group.weight[group.matches.on_face])
+        return np.concatenate(parts)
 
     def _compute_match_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the matches of pairs of views."""
@@ -391,11 +374,7 @@ class SiteProblem:
         parts = [np.empty(0)]
         for group in self._pairs:
             error = _compute_epipolar_error(group.matches, rig)
-            # Pseudo-Huber: quadratic near zero, linear beyond three standard deviations, smooth in between.
-            # A trial step may change the distortion so much that a pixel has no ray: it counts as a gross outlier.
-            scaled = np.where(np.isfinite(error), error / self.match_std_px, _OUTLIER)
-            reach = _ROBUST_STD**2
-            parts.append(np.sign(scaled) * np.sqrt(2 * reach * (np.sqrt(1 + scaled**2 / reach) - 1)) * group.weight)
+            parts.append(_bend(error / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight)
         return np.concatenate(parts)
 
     def _compute_shared_residuals(self, z: FloatArray) -> FloatArray:
@@ -412,6 +391,16 @@ class SiteProblem:
             known = np.isfinite(robust).all(axis=1, keepdims=True)
             parts.append((np.where(known, robust, _OUTLIER) * group.weight[:, None]).ravel())
         return np.concatenate(parts)
+
+
+def _bend(scaled: FloatArray) -> FloatArray:
+    """Residuals with the pseudo-Huber loss: quadratic near zero, linear beyond three standard deviations.
+
+    A trial step may change the distortion so much that a pixel has no ray: it counts as a gross outlier.
+    """
+    known = np.where(np.isfinite(scaled), scaled, _OUTLIER)
+    reach = _ROBUST_STD**2
+    return np.asarray(np.sign(known) * np.sqrt(2 * reach * (np.sqrt(1 + known**2 / reach) - 1)))
 
 
 def _differentiate(function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int) -> FloatArray:

@@ -15,16 +15,18 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import CameraStatus, PointStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import FirstFrames, Session, Site
-from vfm_sdm.stages.cameras.base import CameraEstimator
+from vfm_sdm.stages.cameras.base import CameraEstimator, Hypothesis
+from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.locate import PointFinder
-from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import check_inside, named_points
 
 __all__ = ["solve_cameras"]
 
+_FREE_STD = 0.5
+"""Standard deviation of rotations [rad] and translations [m] above which a prior leaves a pose free."""
 _NO_COVARIANCE = "the camera file states no covariance: the scale has no stated uncertainty"
 
 
@@ -65,18 +67,22 @@ def solve_cameras(
     if estimate.rig is None:
         points = named_points(session, views)
         return CameraSolution(None, None, None, points, status=estimate.status, notes=estimate.notes)
-    finder = PointFinder(session, frames, matcher)
-    points = finder.find(estimate.rig, estimate.matches)
     # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
     known = estimate.rig.covariance is not None
-    size = len(CAMERA_PARAMETERS) * len(estimate.rig)
-    prior = estimate.rig if known else replace(estimate.rig, covariance=np.zeros((size, size)))
-    adjusted, unused = _adjust(session, prior, estimate.matches, points)
+    hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches), *estimate.others]
+    given = named_points(session, views)
+    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given)[0])
+    finder = PointFinder(session, frames, matcher)
+    matches = weighed.hypothesis.matches
+    start = Hypothesis(_with_poses_of(weighed.hypothesis.rig, weighed.adjusted.rig), matches)
+    points = finder.find(weighed.adjusted.rig, matches)
+    adjusted, unused = _adjust(session, start, points)
     if adjusted.frame is not None:
         again = finder.find_on_face(points, adjusted.rig, adjusted.frame)
         if not again.identical(points):
             points = again
-            adjusted, unused = _adjust(session, prior, estimate.matches, points)
+            adjusted, unused = _adjust(session, start, points)
+    adjusted = weighed.widened(adjusted)
     notes = [*estimate.notes, *adjusted.notes, *unused, *([] if known else [_NO_COVARIANCE]), *_list_missing(points)]
     return CameraSolution(
         adjusted.rig if known else replace(adjusted.rig, covariance=None),
@@ -90,25 +96,36 @@ def solve_cameras(
     )
 
 
-def _adjust(
-    session: Session, prior: Rig, matches: tuple[Matches, ...], points: xr.Dataset
-) -> tuple[SiteAdjustment, list[str]]:
+def _with_prior(rig: Rig) -> Rig:
+    """The rig with its prior covariance; held fixed where it has none."""
+    size = len(CAMERA_PARAMETERS) * len(rig)
+    return rig if rig.covariance is not None else replace(rig, covariance=np.zeros((size, size)))
+
+
+def _with_poses_of(prior: Rig, adjusted: Rig) -> Rig:
+    """The prior rig, begun at the adjusted poses where poses are free: its intrinsics are what was known before."""
+    cameras = []
+    for index, (camera, found) in enumerate(zip(prior.cameras, adjusted.cameras, strict=True)):
+        pose = slice(len(CAMERA_PARAMETERS) * index + 4, len(CAMERA_PARAMETERS) * (index + 1))
+        std = np.sqrt(np.diag(np.asarray(prior.covariance))[pose])
+        free = bool((std >= _FREE_STD).all())
+        cameras.append(replace(camera, cam_from_world=found.cam_from_world) if free else camera)
+    return replace(prior, cameras=tuple(cameras))
+
+
+def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[SiteAdjustment, list[str]]:
     """The cameras adjusted to everything measured on site to points seen in two views, and what had to be left out."""
     position = points["position"].transpose("point", "view", "pixel").values
     enough = np.isfinite(position).all(axis=2).sum(axis=1) >= 2
     seen = {str(n): uv for n, uv, ok in zip(points["point"].values, position, enough, strict=True) if ok}
     site, unused = _drop_unseen_lengths(session.site, seen)
     adjusted = adjust_to_site(
-        prior,
-        matches,
+        one.rig,
+        one.matches,
         site,
         seen,
         face_points=frozenset(p.name for p in session.point if not p.static and p.name in seen),
-        levels={
-            v.name: (np.radians(v.level.pitch), np.radians(v.level.roll), np.radians(v.level.std_deg))
-            for v in session.view[1:]
-            if v.level is not None
-        },
+        readings={view.name: view for view in session.view[1:]},
     )
     return adjusted, unused
 

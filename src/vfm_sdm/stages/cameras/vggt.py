@@ -14,7 +14,7 @@ from vfm_sdm.networks.vggt.pose import decode_pose
 from vfm_sdm.networks.weights import weights_id
 from vfm_sdm.stages.cameras.base import CameraEstimate
 from vfm_sdm.stages.cameras.priors import read_priors
-from vfm_sdm.stages.cameras.two_view import relate_to_first
+from vfm_sdm.stages.cameras.related_views import relate_to_first
 from vfm_sdm.stages.matching.network_view import network_view
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class VggtCameras:
         if rig.baseline() < _MIN_BASELINE:
             return CameraEstimate(None, (), CameraStatus.ONE_PLACE, (*priors.notes, "use another camera estimator"))
         rig = priors.metric_rig(rig.cameras, rotation_std_rad=_ROTATION_STD_RAD, position_std=_POSITION_STD)
-        related = list(relate_to_first(frames, priors.cameras))
+        related = [views[0] for views in relate_to_first(session, frames, priors.cameras)]
         matches = tuple(view.matches for view in related if not view.fault)
         return CameraEstimate(
             rig, matches, priors.status, (*priors.notes, *(view.fault for view in related if view.fault))

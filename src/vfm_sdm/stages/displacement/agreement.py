@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.covariances import find_edges
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
@@ -56,8 +57,8 @@ def compute_pair_differences(
     -------
     differences
         Differences by the names of both views, shape (P,) [1]; positive where the first view shows
-        more motion; NaN where the motion is not three times its noise, and without axes
-        or a second view.
+        more motion; NaN where the motion is not three times its noise, where a view sees the point across an edge
+        only, and without axes or a second view.
 
     Notes
     -----
@@ -69,13 +70,15 @@ def compute_pair_differences(
     unknown = np.full(displacement.sizes["point"], np.nan)
     if frame is None or len(rig) < 2:
         return {(rig.names[0], rig.names[-1]): unknown}
-    found = {}
+    found, edge = {}, find_edges(tracks)
     for first, second in combinations(range(len(rig)), 2):
         rows = tracks["position"].values[[first, second], ..., 1]
         cameras = rig.cameras[first], rig.cameras[second]
         found[rig.names[first], rig.names[second]] = np.array(
             [
-                _compare(displacement.isel(point=number), rows[..., number], cameras, frame)
+                float("nan")
+                if edge[number]
+                else _compare(displacement.isel(point=number), rows[..., number], cameras, frame)
                 for number in range(displacement.sizes["point"])
             ]
         )

@@ -82,12 +82,15 @@ def add_facts(
     -------
     displacement
         With, on ``view``, ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``,
-        ``camera_motion_before`` and ``camera_motion_after`` [px] (root mean square shift of the static points) and
-        ``camera_motion_status``; and of a refinement ``refinement_correction`` (time, point) [px], and on ``point``
+        ``clock_use`` (view, point), ``camera_motion_before`` and ``camera_motion_after`` [px] (root mean square shift
+        of the static points) and ``camera_motion_status``; and of a refinement ``refinement_correction`` (time, point)
+        [px], and on ``point``
         ``prior_share`` [1], ``refinement_status`` and ``refined_view``; of more than two views also
         ``reference_views``, those that it was refined against.
     """
-    facts = {name: aligned[name] for name in ("clock_offset", "clock_offset_std", "clock_rate", "clock_status")}
+    facts = {
+        name: aligned[name] for name in ("clock_offset", "clock_offset_std", "clock_rate", "clock_status", "clock_use")
+    }
     displacement = displacement.assign(facts)
     if motions:
         chosen = [motions[str(view)] for view in displacement["view"].values]

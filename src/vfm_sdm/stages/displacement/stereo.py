@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
+from vfm_sdm.core.covariances import find_edges
 from vfm_sdm.core.datasets import (
     CAMERA_AXES,
     PIXEL,
@@ -29,6 +30,7 @@ from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import compute_reprojection_error, in_front_of_all
 from vfm_sdm.geometry.visibility import Sightings, see_points
 from vfm_sdm.signals.clocks import still_frames
+from vfm_sdm.stages.displacement.edges import SolvedEdges, solve_edges, state_prior
 
 __all__ = ["compute_displacement", "find_origin"]
 
@@ -92,6 +94,11 @@ def compute_displacement(
     disagreement is taken off (`vfm_sdm.geometry.visibility`); how well that is known is part of the random standard
     deviation. Samples of views that share too little with the others for that are unreliable.
 
+    A point that a view sees across an edge only (``edge_across`` of the tracks) is solved by weighted least squares
+    about its position of reference, with a weak prior on its motion (`vfm_sdm.stages.displacement.edges.state_prior`):
+    its standard deviation says along which axes it is measured, and how well; where the prior would say more than the
+    pixels, displacement is NaN.
+
     Examples
     --------
     >>> from vfm_sdm.core.datasets import make_tracks
@@ -114,30 +121,38 @@ def compute_displacement(
     codes, time_s = tracks["status"].values, tracks["time"].values
     sight = see_points(tracks["position"].values, tracks["position_covariance"].values, codes == Status.OK, rig)
     points3d = sight.triangulate(rig)
+    rotation = np.eye(3) if frame is None else frame.rotation
+    edges = _solve_edges(tracks, sight, rig, frame, still_interval_s)
+    if edges is not None:
+        points3d = edges.put_positions(points3d)
     behind = np.isfinite(points3d).all(axis=-1) & ~in_front_of_all(points3d, rig, seen=sight.used)
     points3d = np.where(behind[..., None], np.nan, points3d)
     valid = np.asarray(np.isfinite(points3d).all(axis=-1))
-    rotation = np.eye(3) if frame is None else frame.rotation
     position = points3d @ rotation.T
 
-    linear = _linearise(sight, sight.anchor(valid), rig, rotation, covariance)
+    linear = _linearise(sight, sight.anchor(valid), rig, rotation, covariance, edges)
     refined = None if refinement_gain is None else _choose_gains(refinement_gain, sight, tracks)
     if refined is not None:
         linear = linear.refined(refined)
     variance = _compute_random_variance(linear.jacobian, sight, tracks["position_covariance"].values)
+    values = position - find_origin(position, valid, time_s, still_interval_s)
+    error = compute_reprojection_error(
+        points3d, np.where(sight.used[..., None], tracks["position"].values, np.nan), rig
+    )
+    if edges is not None:
+        variance, error = edges.put_variances(variance), edges.put_residuals(error)
+        values, variance = edges.hide_open(values), edges.hide_open(variance)
     axes = CAMERA_AXES if frame is None else STRUCTURE_AXES
     displacement = make_displacement(
         time_s,
         [str(p) for p in tracks["point"].values],
         axes,
         DisplacementArrays(
-            displacement_mm=(position - find_origin(position, valid, time_s, still_interval_s)) * _MM_PER_M,
+            displacement_mm=values * _MM_PER_M,
             displacement_std_mm=np.where(valid[..., None], np.sqrt(variance), np.nan) * _MM_PER_M,
             scale_std=np.full((len(tracks["point"]), 3), np.nan),
             position_m=position,
-            reprojection_error_px=compute_reprojection_error(
-                points3d, np.where(sight.used[..., None], tracks["position"].values, np.nan), rig
-            ),
+            reprojection_error_px=error,
             status=_combine_status(codes, sight, behind),
         ),
         attrs={
@@ -202,8 +217,32 @@ class _Linear:
         )
 
 
+def _solve_edges(
+    tracks: xr.Dataset,
+    sight: Sightings,
+    rig: Rig,
+    frame: StructureFrame | None,
+    still_interval_s: tuple[float, float] | None,
+) -> SolvedEdges | None:
+    """Motion of the points that a view sees across an edge only; ``None`` without any."""
+    edge = find_edges(tracks)
+    if not edge.any():
+        return None
+    others = None
+    if not edge.all():
+        whole = tracks.isel(point=np.flatnonzero(~edge))
+        others = compute_displacement(whole, rig, frame=frame, still_interval_s=still_interval_s)
+    rotation = np.eye(3) if frame is None else frame.rotation
+    return solve_edges(tracks, sight, rig, rotation, state_prior(others))
+
+
 def _linearise(
-    sight: Sightings, anchor: FloatArray, rig: Rig, rotation: FloatArray, covariance: FloatArray | None
+    sight: Sightings,
+    anchor: FloatArray,
+    rig: Rig,
+    rotation: FloatArray,
+    covariance: FloatArray | None,
+    edges: SolvedEdges | None,
 ) -> _Linear:
     """Derivatives about one pixel of each point and view, shape (V, P, 2): pixels hardly move against the distance."""
     jacobian, sensitivity = [], []
@@ -213,6 +252,8 @@ def _linearise(
         jacobian.append(np.einsum("ai,pivk->pavk", rotation, in_camera))
         if covariance is not None:
             sensitivity.append(compute_gain_sensitivity(pixels, rig, weights=sight.weights))
+        if edges is not None:
+            edges.put_slopes(jacobian[-1], sensitivity[-1] if sensitivity else None, pixels, rig)
     gain = np.broadcast_to(np.eye(3), (len(jacobian), anchor.shape[1], 3, 3))
     known = None if covariance is None else np.stack(sensitivity)
     return _Linear(np.stack(jacobian), known, rotation, covariance, gain)

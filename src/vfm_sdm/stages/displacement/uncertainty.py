@@ -115,12 +115,14 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     if list(tracks["point"].values) != list(displacement["point"].values):
         raise DatasetError("tracks: expected the points of the displacement; pass the tracks that it came from")
     values = displacement["displacement"].values
+    # What moves along an axis that is not measured is not known; its share in the others is part of their scatter.
+    known = np.where(np.isfinite(values).any(axis=-1, keepdims=True), np.nan_to_num(values), np.nan)
     parts = {
         "random": displacement["displacement_std"].values,
         "cameras": _apply_by_views(
             displacement,
             "gain_covariance",
-            lambda gains: np.sqrt(np.maximum(np.einsum("tpb,pabc,tpc->tpa", values, gains, values), 0.0)),
+            lambda gains: np.sqrt(np.maximum(np.einsum("tpb,pabc,tpc->tpa", known, gains, known), 0.0)),
         ),
         "synchronization": _compute_clock_std(displacement, tracks, inputs.clock_std_s),
         "assumption": _compute_assumption_std(displacement, tracks, inputs),

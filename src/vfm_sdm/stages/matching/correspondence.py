@@ -26,10 +26,11 @@ from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, has_rival
 from vfm_sdm.stages.registration.records import Registration, Starts
 from vfm_sdm.stages.registration.subsets import register_subset
 
-__all__ = ["Correspondence", "Surface", "find_correspondences"]
+__all__ = ["RETURN_PX", "Correspondence", "Surface", "find_correspondences", "way_back"]
 
 _DISTINCT_PX = 3.0
-_RETURN_PX = 0.5
+RETURN_PX = 0.5
+"""Distance by which the way back may miss the point [px]."""
 _LEAST_BACK_PX = 13
 _AGREEMENT_PX = 1.0
 _NEAR_GIVEN = 9
@@ -283,14 +284,36 @@ def _register(
     chosen = _take(tried, best)
     if has_rival(correlation, tried.position, best, distinct_px=_DISTINCT_PX):
         return chosen, PointStatus.AMBIGUOUS, float("nan")
+    miss = way_back(images, point, chosen, subset_px)
+    return chosen, PointStatus.OK if miss <= RETURN_PX else PointStatus.NOT_RETURNED, miss
+
+
+def way_back(images: tuple[LumaArray, LumaArray], point: FloatArray, there: Registration, subset_px: int) -> float:
+    """Distance between a point and where registration from its place in the second image ends in the first [px].
+
+    Parameters
+    ----------
+    images
+        The two views, shape (H, W) each.
+    point
+        Place in the first view, shape (2,) [px].
+    there
+        Registration of this point in the second view.
+    subset_px
+        Side of its subset [px].
+
+    Returns
+    -------
+    miss
+        Infinite where the way back does not converge.
+    """
     # The square of the way back must not reach beyond what the way there has seen.
-    shrunk = np.linalg.svd(chosen.affine[0], compute_uv=False)[-1] * subset_px
+    shrunk = np.linalg.svd(there.affine[0], compute_uv=False)[-1] * subset_px
     size = int(np.clip(shrunk // 2 * 2 + 1, _LEAST_BACK_PX, subset_px))
     back = register_subset(
-        images[1], images[0], chosen.position, Starts(point[None], np.linalg.inv(chosen.affine)), subset_px=size
+        images[1], images[0], there.position, Starts(point[None], np.linalg.inv(there.affine)), subset_px=size
     )
-    miss = float(np.linalg.norm(back.position[0] - point))
-    return chosen, PointStatus.OK if back.converged[0] and miss <= _RETURN_PX else PointStatus.NOT_RETURNED, miss
+    return float(np.linalg.norm(back.position[0] - point)) if back.converged[0] else np.inf
 
 
 def _best_starts(

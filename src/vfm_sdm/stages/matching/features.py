@@ -1,24 +1,78 @@
-"""Feature matches between two images: SIFT, mutual nearest neighbours, ratio test."""
+"""Feature matches between two images before any geometric check: SIFT, mutual nearest neighbours, ratio test."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray
-from vfm_sdm.inputs.video import Region
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray, as_float_array
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.stages.matching.detection import (
+    ImageFeatures,
+    add_stretched,
+    detect_features,
+    find_alike,
+    find_nearest,
+)
 
-__all__ = ["match_features", "to_eight_bit"]
+__all__ = ["FeatureMatches", "keep_one_a_place", "match_detected", "match_features"]
 
-_LONG_SIDE_PX = 1500
-"""Images with a longer side are reduced to it: finer features cost time and add nothing to the geometry."""
-_FEATURES = 4000
-_RATIO = 0.85
-_CUT_PER_CENT, _SAMPLES = 0.5, 400
+_RATIO = 0.9
+"""Of the distance to a match over that to the next one alike. The usual 0.8 is for one run that must be nearly free of
+false matches; here a consensus follows, and two views at an angle differ more."""
+_SAME_PLACE_PX = 2.5
+"""Matches of two versions that stand as near in both images are one."""
 
 
-def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels of features that look alike in two images, before any geometric check.
+@dataclass(frozen=True, eq=False)
+class FeatureMatches:
+    """Features that look alike in two images.
+
+    Parameters
+    ----------
+    points_first, points_second
+        Pixels in both images, shape (N, 2) each [px].
+    quality
+        How distinct each match is, shape (N,) [1], from 0 to 1. For SIFT it is one less the ratio of two distances:
+        that between the two descriptors, and that to the next similar one at another place of either image. For
+        networks it is their own score.
+
+    Raises
+    ------
+    DatasetError
+        An array has another shape, or they differ in length.
+
+    Examples
+    --------
+    >>> matches = FeatureMatches([[10.0, 20.0]], [[12.0, 20.5]], [0.4])
+    >>> len(matches)
+    1
+    """
+
+    points_first: FloatArray
+    points_second: FloatArray
+    quality: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, shape in (("points_first", (None, 2)), ("points_second", (None, 2)), ("quality", (None,))):
+            object.__setattr__(self, name, as_float_array(getattr(self, name), name, shape))
+        if not len(self.points_first) == len(self.points_second) == len(self.quality):
+            raise DatasetError(
+                f"feature matches: expected arrays of one length, got {len(self.points_first)}, "
+                f"{len(self.points_second)} and {len(self.quality)}; keep only what is known of every match"
+            )
+
+    def __len__(self) -> int:
+        return len(self.points_first)
+
+    def chosen(self, rows: IntArray | BoolArray) -> "FeatureMatches":
+        """Some of the matches, by their indices or a mask of shape (N,)."""
+        return FeatureMatches(self.points_first[rows], self.points_second[rows], self.quality[rows])
+
+
+def match_features(first: LumaArray, second: LumaArray) -> FeatureMatches:
+    """Features that look alike in two images, before any geometric check.
 
     Parameters
     ----------
@@ -27,87 +81,100 @@ def match_features(first: LumaArray, second: LumaArray) -> tuple[FloatArray, Flo
 
     Returns
     -------
-    points_first, points_second
-        Pixels in both images, shape (N, 2) each [px]; empty when nothing matches.
+    matches
+        Pixels in both images and the quality of each match, the best first; empty when nothing matches.
 
     Notes
     -----
-    RootSIFT descriptors [1]_ are compared by their inner product; a match must be the best one in both directions and
-    pass the ratio test of [2]_.
+    Each image as it is is compared with the other and with stretched versions of it
+    (`vfm_sdm.stages.matching.detection.add_stretched`), and the matches are united. A match must be the best one in
+    both directions and pass the ratio test of [1]_ against everything that looks like it at another place of either
+    image: a brick has as many look-alikes as the wall has bricks, though the other view may show but one of them.
 
     References
     ----------
-    .. [1] Arandjelovic, R., Zisserman, A. (2012). Three things everyone should know to improve object retrieval. IEEE
-       Conference on Computer Vision and Pattern Recognition.
-    .. [2] Lowe, D. G. (2004). Distinctive image features from scale-invariant keypoints. International Journal of
-    Computer
-       Vision 60(2), 91-110.
+    .. [1] Lowe, D. G. (2004). Distinctive image features from scale-invariant keypoints. International Journal of
+       Computer Vision 60(2), 91-110.
 
     Examples
     --------
     >>> from scipy.ndimage import gaussian_filter
     >>> texture = gaussian_filter(np.random.default_rng(0).normal(0, 1, (240, 340)), 2)
     >>> image = np.rint(128 + 300 * texture).clip(0, 255).astype(np.uint8)
-    >>> first, second = match_features(image[:, 20:], image[:, :-20])
-    >>> len(first) > 50, bool(np.allclose(np.median(second - first, axis=0), [20, 0], atol=0.1))
+    >>> matches = match_features(image[:, 20:], image[:, :-20])
+    >>> shift = np.median(matches.points_second - matches.points_first, axis=0)
+    >>> len(matches) > 50, bool(np.allclose(shift, [20, 0], atol=0.1))
     (True, True)
     """
     with ThreadPoolExecutor(2) as executor:
-        (points_a, descriptors_a), (points_b, descriptors_b) = executor.map(_detect, (first, second))
-    if min(len(points_a), len(points_b)) < 2:
-        return np.empty((0, 2)), np.empty((0, 2))
-    similarity = descriptors_a @ descriptors_b.T
-    best = similarity.argmax(axis=1)
-    back = similarity.argmax(axis=0)
-    rows = np.arange(len(points_a))
-    top = similarity[rows, best]
-    similarity[rows, best] = -1.0
-    runner_up = similarity.max(axis=1)
-    # For unit vectors the squared distance is 2 - 2 s, so the ratio test compares 1 - s.
-    distinct = (1 - top) < _RATIO**2 * (1 - runner_up)
-    kept = distinct & (back[best] == rows)
-    return points_a[kept], points_b[best[kept]]
+        found = executor.map(lambda image: add_stretched(detect_features(image), image), (first, second))
+        return match_detected(*found)
 
 
-def to_eight_bit(luma: LumaArray) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """The image stretched to 8 bit for feature detection; grey values are not comparable between images.
+def match_detected(first: ImageFeatures, second: ImageFeatures) -> FeatureMatches:
+    """As `match_features`, of features that were detected before: all versions of each image with the other as it is.
 
     Parameters
     ----------
-    luma
-        Image of 8 or 16 bits, shape (H, W).
+    first, second
+        Features of each image.
+    """
+    versions = [(0, int(k)) for k in np.unique(second.version)] + [(int(k), 0) for k in np.unique(first.version) if k]
+    found = [
+        _match_versions(first, second, np.flatnonzero(first.version == i), np.flatnonzero(second.version == j))
+        for i, j in versions
+    ]
+    rows, partners = (np.concatenate([_NONE, *(one[k] for one in found)]) for k in range(2))
+    quality = np.concatenate([np.empty(0), *(one[2] for one in found)])
+    return keep_one_a_place(FeatureMatches(first.points[rows], second.points[partners], quality), _SAME_PLACE_PX)
 
-    Notes
-    -----
-    The stretch leaves out the darkest and brightest half per cent of the pixels: a dark or hazy view has features too,
-    of a contrast below what detectors take for noise.
+
+_NONE = np.empty(0, dtype=np.intp)
+
+
+def keep_one_a_place(matches: FeatureMatches, radius_px: float) -> FeatureMatches:
+    """The best match of those that share a place in either image, best first.
+
+    Parameters
+    ----------
+    matches
+        Matches, in any order.
+    radius_px
+        Distance up to which two features stand at one place [px].
 
     Examples
     --------
-    >>> to_eight_bit(np.array([[1000, 2000], [3000, 4000]], np.uint16)).dtype
-    dtype('uint8')
+    >>> pixels = np.array([[10.0, 10.0], [11.0, 10.0], [50.0, 10.0]])
+    >>> keep_one_a_place(FeatureMatches(pixels, pixels, [0.2, 0.3, 0.1]), 2.5).quality.tolist()
+    [0.3, 0.1]
     """
-    every = max(1, min(luma.shape) // _SAMPLES)
-    low, high = np.percentile(luma[::every, ::every], [_CUT_PER_CENT, 100 - _CUT_PER_CENT])
-    stretched = (luma.astype(np.float32) - np.float32(low)) * np.float32(255.0 / max(high - low, 1.0))
-    return np.asarray(np.round(np.clip(stretched, 0, 255)), dtype=np.uint8)
+    if not len(matches):
+        return matches
+    near = [
+        cKDTree(points).query_ball_point(points, radius_px) for points in (matches.points_first, matches.points_second)
+    ]
+    taken, kept = np.zeros(len(matches), dtype=bool), []
+    for row in np.argsort(-matches.quality, kind="stable"):
+        if not taken[row]:
+            kept.append(row)
+            taken[near[0][row]] = taken[near[1][row]] = True
+    return matches.chosen(np.array(kept))
 
 
-def _detect(luma: LumaArray) -> tuple[FloatArray, np.ndarray[tuple[int, int], np.dtype[np.float32]]]:
-    """Feature pixels, shape (N, 2), and RootSIFT descriptors, shape (N, 128)."""
-    image = to_eight_bit(luma)
-    height, width = image.shape
-    scale = min(1.0, _LONG_SIDE_PX / max(height, width))
-    size = (round(width * scale), round(height * scale))
-    region = Region(0, 0, width, height, scale_u=size[0] / width, scale_v=size[1] / height)
-    if scale < 1:
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    # Without the precise upscale OpenCV's SIFT places every feature a quarter of a pixel off.
-    sift = cv2.SIFT.create(_FEATURES, enable_precise_upscale=True)
-    keypoints, descriptors = sift.detectAndCompute(image, None)
-    if descriptors is None:
-        return np.empty((0, 2)), np.empty((0, 128), np.float32)
-    points = region.to_full(np.array([k.pt for k in keypoints], dtype=np.float64))
-    # One corner gives several descriptors when it has several orientations: they stand at one place.
-    root = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9))
-    return points, root.astype(np.float32)
+def _match_versions(
+    a: ImageFeatures, b: ImageFeatures, rows: IntArray, columns: IntArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Indices of matched features of one version of each image, and the quality of each match."""
+    if min(rows.size, columns.size) < 2:
+        return _NONE, _NONE, np.empty(0)
+    likeness = a.descriptors[rows] @ b.descriptors[columns].T
+    back, _, back_next = find_nearest(np.ascontiguousarray(likeness.T), a.points[rows], a.place_px)
+    best, distance, next_distance = find_nearest(likeness, b.points[columns], b.place_px)
+    next_distance = np.minimum(next_distance, back_next[best])
+    distinct = (back[best] == np.arange(rows.size)) & (distance < _RATIO * next_distance)
+    chosen, partner = rows[distinct], columns[best[distinct]]
+    # Look-alikes within an image are asked of those that are left: this costs as much as matching two images.
+    alike = np.minimum(find_alike(a, chosen), find_alike(b, partner))
+    ratio = distance[distinct] / np.minimum(next_distance[distinct], alike)
+    kept = ratio < _RATIO
+    return chosen[kept], partner[kept], 1.0 - ratio[kept].astype(np.float64)

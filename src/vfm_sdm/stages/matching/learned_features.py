@@ -14,7 +14,7 @@ from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.inputs.session import Sfm
 from vfm_sdm.inputs.video import Region
-from vfm_sdm.stages.matching.features import to_eight_bit
+from vfm_sdm.stages.matching.detection import to_eight_bit
 
 __all__ = ["MATCHERS", "LearnedMatcher", "superpoint_matcher"]
 

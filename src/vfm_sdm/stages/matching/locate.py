@@ -14,8 +14,10 @@ from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
 from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.correspondence import Correspondence, Surface, find_correspondences
+from vfm_sdm.stages.matching.expected import Face, expect_anywhere, expect_on_face, know_face
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.placing import Known, Place, place_points
 from vfm_sdm.stages.matching.points import named_points
 from vfm_sdm.stages.matching.pyramid import ViewPair
 
@@ -23,6 +25,8 @@ __all__ = ["PointFinder"]
 
 _EPIPOLAR_BAND = 5e-3
 """Matches within this share of the image width from a known rig's epipolar lines help to find points."""
+_UNSEEN = (PointStatus.NOT_LOOKED_FOR, PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED)
+"""Statuses of points that another way of looking may find."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,19 +55,32 @@ class PointFinder:
         rig
             Approximate cameras; the scale does not matter.
         matches
-            Feature matches between views; looked for where there are none.
+            Feature matches between views; looked for where there are none and they are needed.
+
+        Notes
+        -----
+        Where the face is known, all points are placed together (`place_points`); those that this does not find, and
+        all where there is no face, are searched for along their epipolar lines one by one (`find_correspondences`).
+        Places that the user named stay where they are within the user's accuracy.
         """
         views = list(self.frames)
-        matches = matches or _features_near(rig, list(self.frames.values()))
         points = named_points(self.session, views)
+        metric, face = know_face(self.session.site, rig)
         for source, target in _pairs(views):
             named = [p for p in self.session.point if p.view == source]
-            if not named:
-                continue
-            given = self._suggested(named, source, target)
-            given |= {i: np.array(p.pixel_in[target]) for i, p in enumerate(named) if target in p.pixel_in}
-            between = _between(matches, views.index(source), views.index(target))
-            _enter(points, named, target, self._correspondences(named, rig, between, given=given))
+            suggested = self._suggested(named, source, target) if named else {}
+            # A matcher that the session asks for is heard first.
+            together = [p for i, p in enumerate(named) if i not in suggested or target in p.pixel_in]
+            if face is None:
+                together = [p for p in together if target in p.pixel_in]
+            _enter(points, together, target, self._place(together, points, metric, face, (source, target)))
+            alone = [i for i, p in enumerate(named) if points["status"].sel(view=target, point=p.name) in _UNSEEN]
+            if alone:
+                matches = matches or _features_near(rig, list(self.frames.values()))
+                between = _between(matches, views.index(source), views.index(target))
+                given = {number: suggested[i] for number, i in enumerate(alone) if i in suggested}
+                left = [named[i] for i in alone]
+                _enter(points, left, target, self._correspondences(left, rig, between, given=given))
         return points
 
     def find_on_face(self, points: xr.Dataset, rig: Rig, frame: StructureFrame) -> xr.Dataset:
@@ -86,17 +103,48 @@ class PointFinder:
         if distance is None or not rig.metric:
             return points
         views = list(self.frames)
+        _, face = know_face(self.session.site, rig, frame)
         # The lateral axis points away from the reference camera, where the world has its origin.
         std = float(np.hypot(distance.std, self.session.site.face_offset_std))
-        face = Surface(frame.rotation[0], distance.value, std)
+        surface = Surface(frame.rotation[0], distance.value, std)
         for source, target in _pairs(views):
             missing = [p for p in self.session.point if p.view == source and _is_missing(p, target, points)]
+            found = self._place(missing, points, rig, face, (source, target))
+            _enter(points, missing, target, found, only_found=True)
+            missing = [p for p in missing if points["status"].sel(view=target, point=p.name) in _UNSEEN]
             if missing:
                 between = _between((), views.index(source), views.index(target))
-                _enter(
-                    points, missing, target, self._correspondences(missing, rig, between, face=face), only_found=True
-                )
+                found = self._correspondences(missing, rig, between, face=surface)
+                _enter(points, missing, target, found, only_found=True)
         return points
+
+    def _place(
+        self, wanted: Sequence[Point], points: xr.Dataset, rig: Rig, face: Face | None, views: tuple[str, str]
+    ) -> Correspondence:
+        """Places of points in the second of two views, chosen together; the points that have one there help."""
+        source, target = views
+        if not wanted:
+            return _as_correspondence([])
+        names = [p.name for p in wanted]
+        helping = [p for p in self.session.point if p.view == source and p.name not in names]
+        helping = [p for p in helping if points["status"].sel(view=target, point=p.name) == PointStatus.OK]
+        everyone = [*wanted, *helping]
+        numbers = list(self.frames).index(source), list(self.frames).index(target)
+        pixels = np.array([p.pixel for p in everyone])
+        given = {i: np.array(p.pixel_in[target]) for i, p in enumerate(wanted) if target in p.pixel_in}
+        known = {i: _place_of(points, target, p.name) for i, p in enumerate(everyone) if i >= len(wanted)}
+        if face is None:
+            expected = expect_anywhere(pixels, rig, numbers)
+        else:
+            expected = expect_on_face(pixels, rig, numbers, face, on_face=np.array([not p.static for p in everyone]))
+        places = place_points(
+            (self.frames[source], self.frames[target]),
+            pixels,
+            expected,
+            subset_px=self.session.method.usual_subset_px,
+            known=Known(given, known),
+        )
+        return _as_correspondence(places[: len(wanted)])
 
     def _correspondences(
         self,
@@ -112,7 +160,7 @@ class PointFinder:
         return find_correspondences(
             ViewPair((images[matches.first], images[matches.second]), rig, matches),
             np.array([p.pixel for p in points]),
-            subset_px=self.session.method.subset_px,
+            subset_px=self.session.method.usual_subset_px,
             given=given,
             surface=face,
         )
@@ -146,17 +194,37 @@ def _enter(
 
 
 def _is_missing(point: Point, view: str, points: xr.Dataset) -> bool:
-    """Whether a point of the structure was not found in a view where nobody named it."""
+    """Whether a point of the structure has no place in a view where nobody named it."""
     if point.static or view in point.pixel_in:
         return False
-    return points["status"].sel(view=view, point=point.name).item() in (PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED)
+    return points["status"].sel(view=view, point=point.name).item() in (*_UNSEEN, PointStatus.AMBIGUOUS)
+
+
+def _place_of(points: xr.Dataset, view: str, name: str) -> Place:
+    """The place of a point that a points dataset holds."""
+    one = points.sel(view=view, point=name)
+    # Registration of a soft texture may find the place without its uncertainty.
+    variances = np.nan_to_num(one["position_std"].values, nan=1.0) ** 2
+    return Place(one["position"].values, np.diag(variances), np.nan, str(one["status"].item()))
+
+
+def _as_correspondence(places: Sequence[Place]) -> Correspondence:
+    """Places as arrays; they were not followed back."""
+    return Correspondence(
+        np.array([one.position for one in places]).reshape(-1, 2),
+        np.array([one.covariance for one in places]).reshape(-1, 2, 2),
+        np.array([one.correlation for one in places]),
+        np.full(len(places), np.nan),
+        tuple(one.status for one in places),
+    )
 
 
 def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]:
     """Matches of every view with the reference view that agree with a known rig."""
     found = []
     for index in range(1, len(images)):
-        first, second = match_features(images[0], images[index])
+        matches = match_features(images[0], images[index])
+        first, second = matches.points_first, matches.points_second
         near = np.abs(sampson_error(first, second, rig, second=index)) < _EPIPOLAR_BAND * images[0].shape[1]
         found.append(Matches(0, index, first[near], second[near]))
     return tuple(found)

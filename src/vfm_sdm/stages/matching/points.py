@@ -11,7 +11,10 @@ from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import Session
 
-__all__ = ["check_inside", "named_points"]
+__all__ = ["NAMED_STD_PX", "check_inside", "named_points"]
+
+NAMED_STD_PX = 1.5
+"""Standard deviation of a place that a user named, along each axis [px]: a click on a picture that is seen whole."""
 
 
 def check_inside(session: Session, frames: Mapping[str, LumaArray]) -> None:
@@ -42,7 +45,7 @@ def check_inside(session: Session, frames: Mapping[str, LumaArray]) -> None:
 
 
 def named_points(session: Session, views: Sequence[str]) -> xr.Dataset:
-    """Points dataset with the pixels that the session names, each in its own view; NaN in all others.
+    """Points dataset with the pixels that the session names, exact in a point's own view, a click in others.
 
     Parameters
     ----------
@@ -59,10 +62,13 @@ def named_points(session: Session, views: Sequence[str]) -> xr.Dataset:
     shape = (len(views), len(session.point))
     position = np.full((*shape, 2), np.nan)
     status = np.full(shape, PointStatus.NOT_LOOKED_FOR, dtype=object)
+    std = np.full((*shape, 2), np.nan)
     for number, point in enumerate(session.point):
-        here = views.index(point.view)
-        position[here, number], status[here, number] = point.pixel, PointStatus.OK
+        for view, pixel in point.pixel_in.items():
+            there = views.index(view), number
+            position[there], status[there], std[there] = pixel, PointStatus.OK, NAMED_STD_PX
+        # The point is where it was named first: what it is called elsewhere is as exact as a click.
+        here = views.index(point.view), number
+        position[here], status[here], std[here] = point.pixel, PointStatus.OK, 0.0
     names = [point.name for point in session.point]
-    return make_points(
-        views, names, position=position, position_std=np.where(np.isnan(position), np.nan, 0.0), status=status
-    )
+    return make_points(views, names, position=position, position_std=std, status=status)

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, mean_of_known
+from vfm_sdm.core.covariances import find_edges
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, check_tracks
 from vfm_sdm.core.statuses import RefinementStatus
 from vfm_sdm.errors import DatasetError
@@ -67,6 +68,8 @@ def refine(
     as in the displacement that is made of the tracks (`vfm_sdm.geometry.visibility`). With two views that is the
     paper's pair; samples that the corrected view does not see stay as the others give them.
 
+    A point that a view sees across an edge only stays as it is.
+
     Limits: true motion along the suppressed axis is removed as noise is, and moves the point along the reference
     view's ray, so part of it appears along the other axes (`Refinement.gain`); true motion along the others passes.
     Because every term has its own scale, the correction is strong where motion along the other axes stands out of the
@@ -102,6 +105,8 @@ def refine(
     sight = see_points(tracks.variables["position"].values, covariance, trusted, rig)
     task = _Task(sight, rig, frame, still, chosen)
     view, status = _choose_views(covariance, names, task)
+    edge = find_edges(tracks)
+    view, status = np.where(edge, -1, view), np.where(edge, RefinementStatus.EDGE, status)
     result = _empty_result(sight, status)
     for index, members in _portions(view, status, len(time_s)):
         _refine_points(task, members, index, result)

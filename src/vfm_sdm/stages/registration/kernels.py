@@ -3,245 +3,48 @@
 Arrays are indexed ``[u, v]`` here (first axis to the right), the order of pixel positions; only ``image`` keeps the
 usual ``[v, u]``. The kernels release the interpreter lock, so that threads share the points (see `subsets`). They
 are not compiled with numba's own thread pool: it must not be entered from two threads at once on every platform,
-which would end the process when two views are tracked side by side. All in one file, because numba's cache notices
-a change only in the file of the function that is called from Python.
+which would end the process when two views are tracked side by side.
 """
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.compiled import cached_by_code
+from vfm_sdm.stages.registration.sampling import (
+    AFTER,
+    BEFORE,
+    DECAY_PX,
+    TAPS,
+    apply_mask,
+    compiled,
+    correlate,
+    load_coefficients,
+    padded,
+    remove_shading,
+    sample_shifted,
+    sample_warped,
+    set_weights,
+)
 
 __all__ = ["CONVERGED", "FAILED", "OUTSIDE", "correlate_on_grid", "register_subsets"]
 
 CONVERGED, FAILED, OUTSIDE = 0, 1, 2
 """Outcome codes of one registration."""
 
-# Roots of z^4 + 26 z^3 + 66 z^2 + 26 z + 1 inside the unit circle: the filter from samples to spline coefficients.
-_POLES = (-0.43057534709997379, -0.04309628820326465)
-_DECAY_PX = 6  # the filter forgets what it assumes outside a region: 0.43^6 = 0.6 %
 _DRIFT_PX = 1  # motion after which a loaded region still serves
 _REGION_FACTOR = 2  # largest stretch of a subset by the warp; beyond it the registration has diverged
-_TAPS, _BEFORE, _AFTER = 6, 2, 3
 _FAR = 1e7
-# The filter is 1 / (D(z) D(1/z)) with D(z) = (1 - pole_1 z)(1 - pole_2 z); D(1)^2 brings it to unit gain.
-_POLE_SUM, _POLE_PRODUCT = np.float32(sum(_POLES)), np.float32(_POLES[0] * _POLES[1])
-_STEADY = np.float32(1 / ((1 - _POLES[0]) * (1 - _POLES[1])))
-_AXIS_GAIN = np.float32(((1 - _POLES[0]) * (1 - _POLES[1])) ** 2 / 120)
-_ONE = np.float32(1)
 
 Single = npt.NDArray[np.float32]
 Integers = npt.NDArray[np.int64]
 Picture = tuple[LumaArray, int]
-Bank = tuple[Single, FloatArray, FloatArray, Single]
+Bank = tuple[Single, FloatArray, FloatArray, Single, Single, Single]
 Work = tuple[Integers, FloatArray, FloatArray]
-Corner = tuple[int, int]
 # Plain tuples, because numba's cache on disk cannot be read any more once a class named in a signature is renamed.
 
-# Sums may be reordered for SIMD; NaN and infinity keep their meaning (no "nnan", "ninf").
-_jit = njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "arcp", "contract"})
 
-
-@_jit
-def _mirrored(index: int, size: int) -> int:
-    """Index inside 0 ... size - 1, reflected about the first and last element."""
-    if size == 1:
-        return 0
-    period = 2 * (size - 1)
-    index = abs(index) % period
-    return min(index, period - index)
-
-
-@_jit
-def _load_region(image: LumaArray, columns: int, box: Integers, level: np.float32, region: Single) -> None:
-    """The image's ``box`` minus ``level`` as region[v, u], mirrored about the border pixels outside."""
-    rows = image.shape[0]
-    left, top, width, height = box[0], box[1], box[2], box[3]
-    whole = left >= 0 and top >= 0 and left + width <= columns and top + height <= rows
-    for v in range(height):
-        target = region[v, :width]
-        if whole:
-            source = image[top + v, left : left + width]
-            for u in range(width):
-                target[u] = np.float32(source[u]) - level
-        else:
-            row = image[_mirrored(top + v, rows)]
-            for u in range(width):
-                target[u] = np.float32(row[_mirrored(left + u, columns)]) - level
-
-
-@_jit
-def _level(image: LumaArray, columns: int, box: Integers) -> np.float32:
-    """A rough mean of the image in the box, from its diagonal: keeps single-precision sums accurate."""
-    total = 0.0
-    for k in range(box[2]):
-        total += image[_mirrored(box[1] + k * box[3] // box[2], image.shape[0]), _mirrored(box[0] + k, columns)]
-    return np.float32(total / box[2])
-
-
-@_jit
-def _filter_first_axis(block: Single, count: int, width: int) -> None:
-    """Recursive spline filter along the first axis of block[:count, :width], in place; its gain is in the weights.
-
-    Both poles in one recursion each way, y_k = x_k + sum y_(k-1) - product y_(k-2). It starts as if the first value
-    had stood for ever; that is forgotten after `_DECAY_PX`. The block is passed whole because numba vectorises over
-    rows of contiguous arrays only; ``count`` is two more than a multiple of four (see `_padded`).
-    """
-    for j in range(width):
-        block[0, j] *= _STEADY
-        block[1, j] += (_POLE_SUM - _POLE_PRODUCT) * block[0, j]
-    k = 2
-    while k < count - 3:
-        _recur(block, k, 1, width)
-        k += 4
-    for j in range(width):
-        block[count - 1, j] *= _STEADY
-        block[count - 2, j] += (_POLE_SUM - _POLE_PRODUCT) * block[count - 1, j]
-    k = count - 3
-    while k > 2:
-        _recur(block, k, -1, width)
-        k -= 4
-
-
-@_jit
-def _load_coefficients(image: LumaArray, columns: int, box: Integers, region: Single, coefficients: Single) -> None:
-    """Spline coefficients [u, v] of the image in the box, less a level; ``region`` is room for the pixels."""
-    width, height = box[2], box[3]
-    _load_region(image, columns, box, _level(image, columns, box), region)
-    _filter_first_axis(region, height, width)
-    _transpose(region, height, width, coefficients)
-    _filter_first_axis(coefficients, width, height)
-
-
-@_jit
-def _padded(count: int) -> int:
-    """The next count that is two more than a multiple of four."""
-    return count + (2 - count) % 4
-
-
-@_jit
-def _recur(block: Single, k: int, step: int, width: int) -> None:
-    """Four rows of the recursion at a time, from ``k`` on in steps of 1 or -1: that halves the traffic with memory."""
-    earlier, before = block[k - 2 * step], block[k - step]
-    a, b, c, d = block[k], block[k + step], block[k + 2 * step], block[k + 3 * step]
-    for j in range(width):
-        first = a[j] + _POLE_SUM * before[j] - _POLE_PRODUCT * earlier[j]
-        second = b[j] + _POLE_SUM * first - _POLE_PRODUCT * before[j]
-        third = c[j] + _POLE_SUM * second - _POLE_PRODUCT * first
-        d[j] += _POLE_SUM * third - _POLE_PRODUCT * second
-        a[j], b[j], c[j] = first, second, third
-
-
-@_jit
-def _transpose(block: Single, count: int, width: int, out: Single) -> None:
-    for k in range(count):
-        row = block[k, :width]
-        for j in range(width):
-            out[j, k] = row[j]
-
-
-@_jit
-def _power5(x: np.float32) -> np.float32:
-    square = x * x
-    return square * square * x
-
-
-@_jit
-def _weights(t: np.float32, weights: Single) -> None:
-    """The six quintic B-spline weights at fraction ``t`` of a pixel, as differences of truncated powers."""
-    s = _ONE - t
-    s0, s1, s2 = _power5(s), _power5(_ONE + s), _power5(np.float32(2) + s)
-    t0, t1, t2 = _power5(t), _power5(_ONE + t), _power5(np.float32(2) + t)
-    six, fifteen = np.float32(6), np.float32(15)
-    weights[0] = _AXIS_GAIN * s0
-    weights[1] = _AXIS_GAIN * (s1 - six * s0)
-    weights[2] = _AXIS_GAIN * (s2 - six * s1 + fifteen * s0)
-    weights[3] = _AXIS_GAIN * (t2 - six * t1 + fifteen * t0)
-    weights[4] = _AXIS_GAIN * (t1 - six * t0)
-    weights[5] = _AXIS_GAIN * t0
-
-
-@_jit
-def _sample_shifted(
-    coefficients: Single, size: int, corner: Corner, weights: Single, line: Single, out: Single
-) -> None:
-    """Spline on the grid of a pure translation: out[k size + l] at (u0 + k, v0 + l) plus the fraction.
-
-    One fraction serves all pixels, so the two axes separate: 12 multiplications a pixel instead of 36. ``weights``,
-    shape (2, 6), are those of the fraction along u and v; ``line`` is room for a line of the subset.
-    """
-    wu, wv = weights[0], weights[1]
-    u0, v0 = corner
-    a0, a1, a2, a3, a4, a5 = wu[0], wu[1], wu[2], wu[3], wu[4], wu[5]
-    b0, b1, b2, b3, b4, b5 = wv[0], wv[1], wv[2], wv[3], wv[4], wv[5]
-    span = size + _TAPS - 1
-    left, right = v0 - _BEFORE, v0 - _BEFORE + span
-    for k in range(size):
-        first = u0 + k - _BEFORE
-        c0, c1 = coefficients[first, left:right], coefficients[first + 1, left:right]
-        c2, c3 = coefficients[first + 2, left:right], coefficients[first + 3, left:right]
-        c4, c5 = coefficients[first + 4, left:right], coefficients[first + 5, left:right]
-        for j in range(span):
-            line[j] = a0 * c0[j] + a1 * c1[j] + a2 * c2[j] + a3 * c3[j] + a4 * c4[j] + a5 * c5[j]
-        row = out[k * size : (k + 1) * size]
-        for j in range(size):
-            row[j] = (
-                b0 * line[j] + b1 * line[j + 1] + b2 * line[j + 2]
-                + b3 * line[j + 3] + b4 * line[j + 4] + b5 * line[j + 5]
-            )  # fmt: skip
-
-
-@_jit
-def _sample_warped(
-    coefficients: Single, size: int, corner: Corner, warp: FloatArray, weights: Single, out: Single
-) -> None:
-    """Spline on the grid of an affine warp; ``corner`` is the pixel of coefficients[0, 0], ``weights`` room (2, 6)."""
-    wu, wv = weights[0], weights[1]
-    left, top = corner
-    half = size // 2
-    for k in range(size):
-        for j in range(size):
-            u = warp[0] + warp[2] * (k - half) + warp[3] * (j - half) - left
-            v = warp[1] + warp[4] * (k - half) + warp[5] * (j - half) - top
-            u0, v0 = int(np.floor(u)), int(np.floor(v))
-            _weights(np.float32(u - u0), wu)
-            _weights(np.float32(v - v0), wv)
-            total = np.float32(0)
-            for a in range(_TAPS):
-                row = coefficients[u0 - _BEFORE + a, v0 - _BEFORE : v0 + _AFTER + 1]
-                part = np.float32(0)
-                for b in range(_TAPS):
-                    part += wv[b] * row[b]
-                total += wu[a] * part
-            out[k * size + j] = total
-
-
-@_jit
-def _correlate(values: Single, pixels: Single, offsets: Single, sums: FloatArray) -> None:
-    """Sums over the subset: values, values^2, template * values, then the six steepest-descent products."""
-    template, grad_u, grad_v = pixels[0], pixels[1], pixels[2]
-    x, y = offsets[0], offsets[1]
-    zero = np.float32(0)
-    s0, s1, s2, s3, s4, s5, s6, s7, s8 = zero, zero, zero, zero, zero, zero, zero, zero, zero
-    for i in range(values.size):
-        g = values[i]
-        du, dv = grad_u[i] * g, grad_v[i] * g
-        s0 += g
-        s1 += g * g
-        s2 += template[i] * g
-        s3 += du
-        s4 += x[i] * du
-        s5 += y[i] * du
-        s6 += dv
-        s7 += x[i] * dv
-        s8 += y[i] * dv
-    sums[0], sums[1], sums[2] = s0, s1, s2
-    sums[3], sums[4], sums[5] = s3, s4, s5
-    sums[6], sums[7], sums[8] = s6, s7, s8
-
-
-@_jit
+@compiled
 def _solve_step(
     sums: FloatArray, count: int, moments: FloatArray, matrices: FloatArray, step: FloatArray, measure: FloatArray
 ) -> bool:
@@ -272,7 +75,51 @@ def _solve_step(
     return True
 
 
-@_jit
+@compiled
+def _correlate_whole(moments: FloatArray, measure: FloatArray, shares: FloatArray) -> float:
+    """Correlation (ZNCC) of a subset with its template, shading included, from ``measure`` without it."""
+    if shares.size == 0:
+        return float(measure[0])
+    norm2, gain = moments[0], measure[2]
+    product, squares, energy = gain * norm2, norm2, gain * gain * norm2 + measure[1]
+    for q in range(shares.size):
+        product += moments[14 + q] * shares[q]
+        squares += moments[14 + q] * moments[14 + q]
+        energy += shares[q] * shares[q]
+    return float(product / np.sqrt(squares * energy))
+
+
+@compiled
+def _measure_roughness(
+    values: Single, template: Single, believed: Single, row: int, sums: FloatArray, gain: float
+) -> float:
+    """Mean squared difference of neighbours over twice the mean square, of what the template leaves unexplained.
+
+    It is 1 for white noise, near 0 for what is smooth, and NaN without masks. ``sums`` are those of `correlate`.
+    """
+    if believed.shape[0] == 0:
+        return np.nan
+    mask, size = believed[row], int(np.sqrt(values.size) + 0.5)
+    total, squares, pairs, jumps = 0.0, 0.0, 0.0, 0.0
+    for i in range(values.size):
+        total += mask[i]
+    mean = sums[0] / total
+    for i in range(values.size):
+        if mask[i] > 0:
+            left = values[i] - mean - gain * template[i]
+            squares += left * left
+            if (i + 1) % size > 0 and mask[i + 1] > 0:
+                jump = values[i + 1] - mean - gain * template[i + 1] - left
+                jumps += jump * jump
+                pairs += 1
+            if i + size < values.size and mask[i + size] > 0:
+                jump = values[i + size] - mean - gain * template[i + size] - left
+                jumps += jump * jump
+                pairs += 1
+    return jumps * total / (2 * pairs * squares)
+
+
+@compiled
 def _compose_inverse(warp: FloatArray, step: FloatArray, out: FloatArray) -> bool:
     """Warp after the inverse-compositional update: warp o (identity + step)^-1, all as (t_u, t_v, A row by row)."""
     p, q, r, s = 1.0 + step[1], step[2], step[4], 1.0 + step[5]
@@ -288,19 +135,19 @@ def _compose_inverse(warp: FloatArray, step: FloatArray, out: FloatArray) -> boo
     return True
 
 
-@_jit
+@compiled
 def _reach(warp: FloatArray, half: int) -> tuple[float, float]:
     """Half-width of the warped subset's bounding box along u and v."""
     return half * (abs(warp[2]) + abs(warp[3])), half * (abs(warp[4]) + abs(warp[5]))
 
 
-@_jit
+@compiled
 def _is_place(warp: FloatArray) -> bool:
     """Whether the position is a number of sensible size (a comparison: reordered sums may deceive ``isfinite``)."""
     return bool(abs(warp[0]) < _FAR and abs(warp[1]) < _FAR)
 
 
-@_jit
+@compiled
 def _deviation(warp: FloatArray, half: int) -> float:
     """Largest displacement [px] along an axis that the warp's linear part gives a pixel of the subset."""
     along_u = abs(warp[2] - 1.0) + abs(warp[3])
@@ -308,22 +155,22 @@ def _deviation(warp: FloatArray, half: int) -> float:
     return float(half * max(along_u, along_v))
 
 
-@_jit
+@compiled
 def _covers(box: Integers, warp: FloatArray, half: int) -> bool:
     """Whether ``box`` (left, top, width, height) holds all that sampling the warped subset needs; else moves it."""
     reach_u, reach_v = _reach(warp, half)
-    left, right = int(np.floor(warp[0] - reach_u)) - _BEFORE, int(np.floor(warp[0] + reach_u)) + _AFTER
-    top, bottom = int(np.floor(warp[1] - reach_v)) - _BEFORE, int(np.floor(warp[1] + reach_v)) + _AFTER
-    margin_right, margin_bottom = box[0] + box[2] - _DECAY_PX, box[1] + box[3] - _DECAY_PX
-    if left - box[0] >= _DECAY_PX and right < margin_right and top - box[1] >= _DECAY_PX and bottom < margin_bottom:
+    left, right = int(np.floor(warp[0] - reach_u)) - BEFORE, int(np.floor(warp[0] + reach_u)) + AFTER
+    top, bottom = int(np.floor(warp[1] - reach_v)) - BEFORE, int(np.floor(warp[1] + reach_v)) + AFTER
+    margin_right, margin_bottom = box[0] + box[2] - DECAY_PX, box[1] + box[3] - DECAY_PX
+    if left - box[0] >= DECAY_PX and right < margin_right and top - box[1] >= DECAY_PX and bottom < margin_bottom:
         return True
-    margin = _DECAY_PX + _DRIFT_PX
-    box[0], box[2] = left - margin, _padded(right - left + 1 + 2 * margin)
-    box[1], box[3] = top - margin, _padded(bottom - top + 1 + 2 * margin)
+    margin = DECAY_PX + _DRIFT_PX
+    box[0], box[2] = left - margin, padded(right - left + 1 + 2 * margin)
+    box[1], box[3] = top - margin, padded(bottom - top + 1 + 2 * margin)
     return False
 
 
-@_jit
+@compiled
 def _inside(warp: FloatArray, half: int, columns: int, rows: int) -> bool:
     """Whether every sample of the warped subset lies within the image."""
     reach_u, reach_v = _reach(warp, half)
@@ -331,14 +178,15 @@ def _inside(warp: FloatArray, half: int, columns: int, rows: int) -> bool:
     return bool(low >= 0.0 and high <= -1.0)
 
 
-@_jit
+@compiled
 def _moved2(step: FloatArray, half: int) -> float:
     """Mean square by which a step moves the pixels of a subset of half width ``half`` [px2]."""
     turned = step[1] * step[1] + step[2] * step[2] + step[4] * step[4] + step[5] * step[5]
     return float(step[0] * step[0] + step[3] * step[3] + half * half / 3.0 * turned)
 
 
-@_jit
+@compiled
+@cached_by_code
 def register_subsets(
     picture: Picture, bank: Bank, work: Work, settings: tuple[int, float, float], share: tuple[int, int]
 ) -> None:
@@ -350,12 +198,12 @@ def register_subsets(
         Current image [v, u], shape (H, W), uint8 or uint16, whose lines may be padded; and the width of the picture in
         it [px].
     bank
-        Tuple of the reference (see `subsets.SubsetBank`): pixels (P, 3, S S) float32, moments (P, 13),
-        matrices (P, 2, 6, 6), offsets (2, S S) float32.
+        Tuple of the reference (see `ReferenceSubsets`): pixels (P, 3, S S) float32, moments (P, 14 + Q), matrices
+        (P, 2, 6, 6), offsets (2, S S) float32, masks (P or 0, S S) and shading (P, Q, S S) float32.
     work
         Row of the bank of each registration, shape (K,). Starts, which the results replace: t_u, t_v [px], then A row
-        by row [1], shape (K, 6). Outcomes to fill in: code, iterations, ZNCC, residual sum of squares and gain, shape
-        (K, 5).
+        by row [1], shape (K, 6). Outcomes to fill in: code, iterations, ZNCC, residual sum of squares, gain and, for
+        subsets with masks, the roughness of the residuals, shape (K, 6).
     settings
         Largest number of iterations, tolerance (distance from the minimum) [px], and the deviation [px] of A from the
         identity up to which the grid of a pure translation is sampled.
@@ -363,17 +211,17 @@ def register_subsets(
         First registration, and the one after the last.
     """
     (image, columns), (rows, warps, outcome) = picture, work
-    pixels, moments, matrices, offsets = bank
+    pixels, moments, matrices, offsets, believed, shading = bank
     max_iterations, tolerance, rigid_px = settings
     count = pixels.shape[2]
     size = int(np.sqrt(count) + 0.5)
     half = size // 2
-    limit = _padded(_REGION_FACTOR * size + 2 * (_DECAY_PX + _DRIFT_PX + _TAPS))
+    limit = padded(_REGION_FACTOR * size + 2 * (DECAY_PX + _DRIFT_PX + TAPS))
     region, coefficients = np.empty((limit, limit), np.float32), np.empty((limit, limit), np.float32)
-    line, sampled = np.empty(size + _TAPS, np.float32), np.empty(count, np.float32)
-    weights = np.empty((2, _TAPS), np.float32)
+    line, sampled = np.empty(size + TAPS, np.float32), np.empty(count, np.float32)
+    weights = np.empty((2, TAPS), np.float32)
     box, grid = np.empty(4, np.int64), np.empty(6)
-    sums, step, measure = np.empty(9), np.empty(6), np.empty(3)
+    sums, step, measure, shares = np.empty(9), np.empty(6), np.empty(3), np.empty(shading.shape[1])
     for k in range(share[0], share[1]):
         row, warp = rows[k], warps[k]
         box[2], before = 0, 1e-12
@@ -390,61 +238,68 @@ def register_subsets(
             if not _covers(box, grid, half):
                 if max(box[2], box[3]) > limit:
                     break
-                _load_coefficients(image, columns, box, region, coefficients)
+                load_coefficients(image, columns, box, region, coefficients)
             if rigid:
                 u0, v0 = int(np.floor(grid[0])), int(np.floor(grid[1]))
-                _weights(np.float32(grid[0] - u0), weights[0])
-                _weights(np.float32(grid[1] - v0), weights[1])
-                _sample_shifted(coefficients, size, (u0 - half - box[0], v0 - half - box[1]), weights, line, sampled)
+                set_weights(np.float32(grid[0] - u0), weights[0])
+                set_weights(np.float32(grid[1] - v0), weights[1])
+                sample_shifted(coefficients, size, (u0 - half - box[0], v0 - half - box[1]), weights, line, sampled)
             else:
-                _sample_warped(coefficients, size, (box[0], box[1]), grid, weights, sampled)
-            _correlate(sampled, pixels[row], offsets, sums)
+                sample_warped(coefficients, size, (box[0], box[1]), grid, weights, sampled)
+            apply_mask(believed, row, sampled)
+            remove_shading(shading[row], sampled, shares)
+            correlate(sampled, pixels[row], offsets, sums)
             if not (
-                _solve_step(sums, count, moments[row], matrices[row], step, measure)
+                _solve_step(sums, int(moments[row, 13]), moments[row], matrices[row], step, measure)
                 and _compose_inverse(grid, step, warp)
             ):
                 break
-            outcome[k, 1] = iteration + 1
-            outcome[k, 2], outcome[k, 3], outcome[k, 4] = measure[0], measure[1], measure[2]
+            outcome[k, 1], outcome[k, 2] = iteration + 1, _correlate_whole(moments[row], measure, shares)
+            outcome[k, 3], outcome[k, 4] = measure[1], measure[2]
             moved = _moved2(step, 0 if rigid else half)
             # Steps shrink by a steady factor, so what is left to go is a geometric series.
             factor = min(np.sqrt(moved / before), 0.9)
             before = moved
             if np.sqrt(moved) * factor < tolerance * (1.0 - factor):
                 outcome[k, 0] = CONVERGED
+                outcome[k, 5] = _measure_roughness(sampled, pixels[row, 0], believed, row, sums, measure[2])
                 break
 
 
-@_jit
+@compiled
 def _score_shift(
     coefficients: Single,
     size: int,
     center: tuple[float, float],
-    subset: tuple[Single, FloatArray, Single],
-    buffers: tuple[Single, Single, Single, FloatArray],
+    subset: tuple[Single, FloatArray, Single, Single, Single, int],
+    buffers: tuple[Single, Single, Single, FloatArray, FloatArray],
     measure: FloatArray,
 ) -> float:
     """ZNCC of a subset with the image shifted to a centre; ``measure`` gets it, the residual and the gain.
 
-    The centre is counted in ``coefficients``. ``subset`` are its pixels and moments, and the pixels' offsets;
-    ``buffers`` are room for a line, the samples, the spline weights and the sums.
+    The centre is counted in ``coefficients``. ``subset`` are its pixels and moments, the pixels' offsets, the masks
+    and shadings, and its row in them; ``buffers`` are room for a line, the samples, the spline weights, the sums and
+    the shares of the shadings.
     """
-    (pixels, moments, offsets), (line, sampled, weights, sums) = subset, buffers
+    (pixels, moments, offsets, believed, shading, row), (line, sampled, weights, sums, shares) = subset, buffers
     half = size // 2
     u0, v0 = int(np.floor(center[0])), int(np.floor(center[1]))
-    _weights(np.float32(center[0] - u0), weights[0])
-    _weights(np.float32(center[1] - v0), weights[1])
-    _sample_shifted(coefficients, size, (u0 - half, v0 - half), weights, line, sampled)
-    _correlate(sampled, pixels, offsets, sums)
+    set_weights(np.float32(center[0] - u0), weights[0])
+    set_weights(np.float32(center[1] - v0), weights[1])
+    sample_shifted(coefficients, size, (u0 - half, v0 - half), weights, line, sampled)
+    apply_mask(believed, row, sampled)
+    remove_shading(shading[row], sampled, shares)
+    correlate(sampled, pixels, offsets, sums)
     norm2 = moments[0]
-    energy = sums[1] - sums[0] * sums[0] / sampled.size
+    energy = sums[1] - sums[0] * sums[0] / int(moments[13])
     measure[2] = sums[2] / norm2
     measure[1] = max(energy - measure[2] * sums[2], 0.0)
     measure[0] = sums[2] / np.sqrt(norm2 * energy) if energy > 0.0 else -1.0
     return float(measure[0])
 
 
-@_jit
+@compiled
+@cached_by_code
 def correlate_on_grid(picture: Picture, bank: Bank, work: Work, divisions: int, share: tuple[int, int]) -> None:
     """Moves subsets to the highest ZNCC on a grid of 1 / ``divisions`` px within one pixel of their start.
 
@@ -452,23 +307,29 @@ def correlate_on_grid(picture: Picture, bank: Bank, work: Work, divisions: int, 
     from the nearest pixel. The search halves its step from half a pixel down to one division and climbs at every step.
     """
     (image, columns), (rows, warps, outcome) = picture, work
-    pixels, moments, _, offsets = bank
+    pixels, moments, _, offsets, believed, shading = bank
     count = pixels.shape[2]
     size = int(np.sqrt(count) + 0.5)
-    reach = size // 2 + 1 + _AFTER + _DECAY_PX
-    side = _padded(2 * reach + 1)
+    reach = size // 2 + 1 + AFTER + DECAY_PX
+    side = padded(2 * reach + 1)
     region, coefficients = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     sums, measure, box = np.empty(9), np.empty(3), np.empty(4, np.int64)
-    weights = np.empty((2, _TAPS), np.float32)
-    buffers = (np.empty(size + _TAPS, np.float32), np.empty(count, np.float32), weights, sums)
+    weights = np.empty((2, TAPS), np.float32)
+    buffers = (
+        np.empty(size + TAPS, np.float32),
+        np.empty(count, np.float32),
+        weights,
+        sums,
+        np.empty(shading.shape[1]),
+    )
     for k in range(share[0], share[1]):
-        subset = (pixels[rows[k]], moments[rows[k]], offsets)
+        subset = (pixels[rows[k]], moments[rows[k]], offsets, believed, shading, rows[k])
         outcome[k, 0], outcome[k, 1], outcome[k, 2] = FAILED, 0, np.nan
         if not _is_place(warps[k]):
             continue
         u0, v0 = int(np.floor(warps[k, 0] + 0.5)), int(np.floor(warps[k, 1] + 0.5))
         box[0], box[1], box[2], box[3] = u0 - reach, v0 - reach, side, side
-        _load_coefficients(image, columns, box, region, coefficients)
+        load_coefficients(image, columns, box, region, coefficients)
         best, best_i, best_j = -2.0, 0, 0
         step = divisions // 2
         while step > 0:

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.stages.registration.designs import SubsetDesign
 
 __all__ = ["AMBIGUITY_MARGIN", "DISTINCT_PX", "correlation_peaks", "cut_subset", "has_rival"]
 
@@ -12,6 +13,9 @@ AMBIGUITY_MARGIN = 0.05
 DISTINCT_PX = 2.0
 """Registrations that end closer to each other found the same place [px]."""
 _SEPARATION_PX = 2  # two peaks are told apart when neither lies within this of the other
+_BESIDE_PX = 0.75  # pixels within this of a line leave no gap in it
+_NOWHERE = -2.0  # below every correlation
+_SOUND = 1.001  # correlations reach 1 and a little more by rounding
 _RANGE = 0.4
 """Peaks lower than the best by more are left out. Between the pixels a fine texture may correlate that much better."""
 
@@ -43,7 +47,13 @@ def cut_subset(image: LumaArray, center: IntArray, half: int) -> LumaArray:
 
 
 def correlation_peaks(
-    subset: LumaArray, image: LumaArray, place: FloatArray, *, radius_px: int, count: int
+    subset: LumaArray,
+    image: LumaArray,
+    place: FloatArray,
+    *,
+    radius_px: int,
+    count: int,
+    design: SubsetDesign | None = None,
 ) -> FloatArray:
     """The highest peaks of the zero-normalised cross-correlation of a subset with an image around a place.
 
@@ -59,6 +69,9 @@ def correlation_peaks(
         Search radius along each axis [px].
     count
         Largest number of peaks.
+    design
+        Which pixels of the subset are believed, and the direction across an edge: the search is then along that line
+        through the place.
 
     Returns
     -------
@@ -86,13 +99,25 @@ def correlation_peaks(
     if min(area.shape) < size:
         return np.empty((0, 2))
     kind = np.uint8 if image.dtype == np.uint8 else np.float32  # matchTemplate knows no others
+    mask = None if design is None or design.mask is None else design.mask.astype(np.uint8)
     response = cv2.matchTemplate(
-        np.ascontiguousarray(area, dtype=kind), np.ascontiguousarray(subset, dtype=kind), cv2.TM_CCOEFF_NORMED
+        np.ascontiguousarray(area, dtype=kind),
+        np.ascontiguousarray(subset, dtype=kind),
+        cv2.TM_CCOEFF_NORMED,
+        mask=mask,
     )
+    if mask is not None:
+        response[~(np.abs(response) <= _SOUND)] = _NOWHERE  # what has no contrast under the mask
+    if design is not None and design.across is not None:
+        v_steps, u_steps = np.indices(response.shape)
+        across_u, across_v = design.direction()
+        beside = (u_steps + left + half - place[0]) * across_v - (v_steps + top + half - place[1]) * across_u
+        response[np.abs(beside) > _BESIDE_PX] = _NOWHERE
     window = np.ones((2 * _SEPARATION_PX + 1, 2 * _SEPARATION_PX + 1), np.uint8)
     rows, columns = np.nonzero(response >= cv2.dilate(response, window))
     height_of = response[rows, columns]
     best = np.argsort(-height_of, kind="stable")[:count]
+    best = best[height_of[best] > _NOWHERE]
     best = best[height_of[best] >= height_of.max(initial=-1) - _RANGE]
     return np.column_stack([columns[best] + left + half, rows[best] + top + half]).astype(np.float64)
 

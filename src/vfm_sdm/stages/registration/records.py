@@ -73,7 +73,8 @@ class RawRegistration:
     warps
         Position of the subset's centre [px], then the affine map row by row [1], shape (K, 6).
     outcome
-        Code, iterations, correlation [1], residual sum of squares and gain [1], shape (K, 5).
+        Code, iterations, correlation [1], residual sum of squares, gain and roughness of the residuals [1] (NaN where
+        it was not measured), shape (K, 6).
     """
 
     rows: IntArray

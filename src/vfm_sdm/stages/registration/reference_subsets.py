@@ -1,5 +1,6 @@
 """Preparation of subsets of the reference image for registration: gradients, matrices, and the effect of noise."""
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import cache
 from typing import Any, NamedTuple
@@ -9,8 +10,16 @@ import numpy.typing as npt
 from scipy.ndimage import correlate1d, map_coordinates, spline_filter1d
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
+from vfm_sdm.stages.registration.designs import SubsetDesign
 
-__all__ = ["SMOOTHING", "ReferenceSubsets", "interpolation_noise", "prepare_subsets"]
+__all__ = [
+    "NEIGHBOURS",
+    "SMOOTHING",
+    "ReferenceSubsets",
+    "interpolation_jumps",
+    "interpolation_noise",
+    "prepare_subsets",
+]
 
 SMOOTHING = np.array([1, -6, 15, 44, 15, -6, 1]) / 64
 """Low-pass of the steepest-descent images, 1 - sin^6(pi f): flat up to a quarter of the sampling frequency, zero at
@@ -20,42 +29,66 @@ _DERIVATIVE = np.array([-1, -10, 0, 10, 1]) / 24  # of a quintic spline at the s
 _VALUE = np.array([1, 26, 66, 26, 1]) / 120  # its value there
 _FILTERS = len(_VALUE) // 2 + len(SMOOTHING) // 2  # pixels around a subset that the filters after the spline's need
 _MARGIN = _FILTERS + 9  # the spline's coefficients settle over 9 pixels, to 0.43^9
+NEIGHBOURS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
+"""Correlations of the noise of neighbouring pixels for which the covariance of a designed subset is prepared."""
 _BATCH = 32  # subsets prepared at one time; bounds the memory
 
 
 class ReferenceSubsets(NamedTuple):
-    """Arrays of P prepared subsets; the kernel `register_subsets` reads the first four.
+    """Arrays of P prepared subsets of one size; the kernel `register_subsets` reads the first six.
 
     Parameters
     ----------
     pixels
-        Template less its mean, smoothed gradients along u and v, in [u, v] order, shape (P, 3, S S) [grey levels].
+        Template less its mean, smoothed gradients along u and v, in [u, v] order, shape (P, 3, S S) [grey levels]; zero
+        where a pixel is not believed.
     moments
-        Squared norm of the template; sums of the six steepest-descent images; their products with the template;
-        shape (P, 13).
+        Squared norm of the template; sums of the six steepest-descent images; their products with the template; number
+        of believed pixels; share of each shading in the template; shape (P, 14 + Q).
     matrices
-        Inverse of the Gauss-Newton matrix M, and the plain Hessian, shape (P, 2, 6, 6).
+        Inverse of the Gauss-Newton matrix M within the allowed warps, and the plain Hessian, shape (P, 2, 6, 6).
     grid
         Offsets (u, v) of a subset's pixels in [u, v] order, shape (2, S S) [px]; the same for all.
+    believed
+        1 for believed pixels, 0 for others, in [u, v] order, shape (P, S S); (0, S S) without designs.
+    shading
+        Surfaces of brightness that may come and go, orthonormal to each other and to a constant on the believed pixels,
+        in [u, v] order, shape (P, Q, S S) [1]; zero where a subset has fewer than Q.
     usable
-        Whether the texture fixes all six parameters, shape (P,).
+        Whether the texture fixes all parameters of the allowed warps, shape (P,).
     unit_covariance
         Covariance of the position for noise of one grey level in all, shape (P, 2, 2) [px2].
     noise_share
         Part of the gradient matrix that noise of one grey level makes, shape (P, 2, 2) [1].
+    smooth_covariance
+        Covariance of the position for noise of one grey level of which neighbouring pixels have the correlations
+        `NEIGHBOURS` in common, shape (P, G, 2, 2) [px2]; (P, 0, 2, 2) without designs.
+    leakage
+        Error of the position for each unit of a true warp, shape (P, 2, 6) [px, px per unit of the linear part]: what
+        the allowed warps leave out; zero for affine ones.
     """
 
     pixels: npt.NDArray[np.float32]
     moments: FloatArray
     matrices: FloatArray
     grid: npt.NDArray[np.float32]
+    believed: npt.NDArray[np.float32]
+    shading: npt.NDArray[np.float32]
     usable: BoolArray
     unit_covariance: FloatArray
     noise_share: FloatArray
+    smooth_covariance: FloatArray
+    leakage: FloatArray
 
 
 def prepare_subsets(
-    reference: LumaArray, centers: IntArray, offsets: FloatArray, half: int, *, executor: Executor | None = None
+    reference: LumaArray,
+    centers: IntArray,
+    offsets: FloatArray,
+    half: int,
+    *,
+    designs: Sequence[SubsetDesign] | None = None,
+    executor: Executor | None = None,
 ) -> ReferenceSubsets:
     """Gradients and matrices of the subsets around pixels of the reference image.
 
@@ -69,6 +102,8 @@ def prepare_subsets(
         Vectors from the centre to the named point, shape (P, 2) [px].
     half
         Half the side of the subset, without its centre [px].
+    designs
+        Warp and mask of each of the P subsets, all of this size; affine and whole by default.
     executor
         Threads that share the work; without them, it runs in this thread.
 
@@ -79,6 +114,12 @@ def prepare_subsets(
     precision (the weights of a least-squares estimate may be perturbed to first order) and takes away most of the
     bias that interpolation has near half the sampling frequency. That S is orthogonal to the template makes the step
     independent of gain and bias, the ZNSSD criterion, without normalising the current subset.
+
+    With B the basis of the allowed warps (`SubsetDesign.basis`), M^-1 becomes B (B' M B)^-1 B': the least-squares step
+    within them. A true warp p is then found as Q p with Q = B (B' M B)^-1 B' M, so that the position is wrong by
+    J (Q - 1) p, where J takes the warp to the named point. For a translation and a rotation or strain this is the
+    rotation or strain times the distance of the point from the middle of the texture. Pixels that are not believed
+    have no part in any sum.
 
     References
     ----------
@@ -94,12 +135,26 @@ def prepare_subsets(
     """
 
     def prepare(start: int) -> tuple[npt.NDArray[Any], ...]:
-        return _prepare(reference, centers[start : start + _BATCH], offsets[start : start + _BATCH], half)
+        some = slice(start, start + _BATCH)
+        return _prepare(reference, centers[some], offsets[some], half, None if designs is None else designs[some])
 
     starts = range(0, max(len(centers), 1), _BATCH)
     parts = map(prepare, starts) if executor is None else executor.map(prepare, starts)
     pixels, moments, matrices, *others = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return ReferenceSubsets(pixels, moments, matrices, _offset_grid(half).astype(np.float32), *others)
+    shading = _stack_shading(designs, len(centers), half).astype(np.float32)
+    masks = _believed(designs)
+    grid = _offset_grid(half).astype(np.float32)
+    believed = np.empty((0, grid.shape[1]), np.float32) if masks is None else masks.astype(np.float32)
+    return ReferenceSubsets(pixels, moments, matrices, grid, believed, shading, *others)
+
+
+def _believed(designs: Sequence[SubsetDesign] | None) -> BoolArray | None:
+    """Masks of subsets of one size in [u, v] order, shape (P, S S); ``None`` without designs."""
+    if not designs:
+        return None
+    side = (designs[0].subset_px, designs[0].subset_px)
+    masks = [np.ones(side, np.bool_) if design.mask is None else design.mask for design in designs]
+    return np.stack([mask.T.ravel() for mask in masks])
 
 
 def _offset_grid(half: int) -> FloatArray:
@@ -111,39 +166,94 @@ def _offset_grid(half: int) -> FloatArray:
 @cache
 def interpolation_noise() -> FloatArray:
     """Share of white noise's variance that interpolation along one axis keeps, at fractions 0, 1/32 ... 1 [1]."""
+    return np.asarray((_interpolation_response() ** 2).sum(axis=0))
+
+
+@cache
+def interpolation_jumps() -> FloatArray:
+    """Share of the squared difference of neighbours in white noise that interpolation keeps, as above [1]."""
+    return np.asarray((np.diff(_interpolation_response(), axis=0) ** 2).sum(axis=0) / 2)
+
+
+def _interpolation_response() -> FloatArray:
+    """Interpolated values around a single bright pixel, at fractions 0, 1/32 ... 1 of a pixel, shape (48, 33)."""
     impulse = np.zeros(65)
     impulse[32] = 1
     positions = 8 + np.arange(48)[:, None] + np.arange(33) / 32
-    response = map_coordinates(impulse, [positions], order=5, mode="mirror")
-    return np.asarray((response**2).sum(axis=0))
+    return np.asarray(map_coordinates(impulse, [positions], order=5, mode="mirror"))
 
 
-def _prepare(reference: LumaArray, centers: IntArray, offsets: FloatArray, half: int) -> tuple[npt.NDArray[Any], ...]:
-    """The fields of `ReferenceSubsets` without the grid, for one batch of points."""
+def _stack_shading(designs: Sequence[SubsetDesign] | None, points: int, half: int) -> FloatArray:
+    """Surfaces of brightness of P subsets of one size in [u, v] order, shape (P, Q, S S); Q is 0 without designs."""
+    if not designs:
+        return np.empty((points, 0, (2 * half + 1) ** 2))
+    x, y = _offset_grid(half) / half
+    found, most = [], max(design.shadings for design in designs)
+    for design in designs:
+        powers = [(i, total - i) for total in range(design.shading + 1) for i in range(total + 1)]
+        believed = np.ones(x.size) if design.mask is None else design.mask.T.ravel().astype(np.float64)
+        basis = np.linalg.qr(np.stack([believed * x**i * y**j for i, j in powers], axis=1))[0]
+        found.append(np.pad(basis.T[1:], ((0, most - design.shadings), (0, 0))))
+    return np.stack(found)
+
+
+def _prepare(
+    reference: LumaArray,
+    centers: IntArray,
+    offsets: FloatArray,
+    half: int,
+    designs: Sequence[SubsetDesign] | None,
+) -> tuple[npt.NDArray[Any], ...]:
+    """The fields of `ReferenceSubsets` without grid and masks, for one batch of points."""
     windows = _cut_windows(reference, centers, half + _MARGIN)
     core = np.s_[:, _MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
-    points, count = len(centers), (2 * half + 1) ** 2
-    gray = windows[core].reshape(points, count)
-    template = gray - gray.mean(axis=1, keepdims=True)
-    plain, smooth = ([g.reshape(points, count) for g in kind] for kind in _compute_gradients(windows))
-    design = np.stack([np.ones(count), *_offset_grid(half)])
-    S, T = _Images(smooth, template, design), _Images(plain, template, design)
+    points, side2 = len(centers), (2 * half + 1) ** 2
+    gray = windows[core].reshape(points, side2)
+    plain, smooth = ([g.reshape(points, side2) for g in kind] for kind in _compute_gradients(windows))
+    count, believed, shading = np.full(points, side2), _believed(designs), _stack_shading(designs, points, half)
+    if believed is None:
+        template = gray - gray.mean(axis=1, keepdims=True)
+    else:
+        count = believed.sum(axis=1)
+        template = (gray - ((gray * believed).sum(axis=1) / count)[:, None]) * believed
+        plain, smooth = ([g * believed for g in kind] for kind in (plain, smooth))
+    shaded = (shading @ template[..., None])[..., 0]
+    if shading.shape[1]:
+        template = template - (shaded[:, None] @ shading)[:, 0]
+    design = np.stack([np.ones(side2), *_offset_grid(half)])
+    S, T = (_Images(kind, template, design, count, shading) for kind in (smooth, plain))
     M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
 
-    usable = _is_well_posed(M) & (S.norm2 > 0)
-    inverse = np.linalg.inv(np.where(usable[:, None, None], M, np.eye(6)))
+    inverse, usable = _invert(M, designs)
+    usable &= S.norm2 > 0
     J = np.zeros((points, 2, 6))
     J[:, 0, 0] = J[:, 1, 3] = 1
     J[:, 0, 1:3] = J[:, 1, 4:6] = offsets
     to_position = J @ inverse
     return (
         np.stack([template, *smooth], axis=1).astype(np.float32),
-        np.column_stack([S.norm2, S.sums, S.on_template]),
+        np.column_stack([S.norm2, S.sums, S.on_template, count, shaded]),
         np.stack([inverse, hessian], axis=1),
         usable,
         to_position @ scatter @ to_position.swapaxes(1, 2),
-        _compute_gradient_noise() * count * inverse[:, ::3, ::3],
+        _compute_gradient_noise() * count[:, None, None] * inverse[:, ::3, ::3],
+        np.empty((points, 0, 2, 2)) if believed is None else _spread_smooth_noise(S, believed, to_position),
+        np.zeros_like(J) if designs is None else to_position @ M - J,
     )
+
+
+def _invert(M: FloatArray, designs: Sequence[SubsetDesign] | None) -> tuple[FloatArray, BoolArray]:
+    """Inverses of matrices (P, 6, 6) within the allowed warps, and whether these are fixed, shape (P,)."""
+    if designs is None:
+        usable = _is_well_posed(M)
+        return np.linalg.inv(np.where(usable[:, None, None], M, np.eye(6))), usable
+    inverse, fixed = np.zeros_like(M), np.zeros(len(M), np.bool_)
+    for point, (matrix, design) in enumerate(zip(M, designs, strict=True)):
+        B = design.basis()
+        within = B.T @ matrix @ B
+        fixed[point] = _is_well_posed(within[None])[0]
+        inverse[point] = B @ np.linalg.inv(within if fixed[point] else np.eye(B.shape[1])) @ B.T
+    return inverse, fixed
 
 
 def _cut_windows(reference: LumaArray, centers: IntArray, reach: int) -> FloatArray:
@@ -180,18 +290,47 @@ def _apply_filter(images: FloatArray, along_u: FloatArray, along_v: FloatArray) 
     return np.asarray(correlate1d(partly, along_v, axis=2)[:, :, border_v:-border_v])
 
 
+def _spread_smooth_noise(S: "_Images", believed: BoolArray, to_position: FloatArray) -> FloatArray:
+    """Covariance of the position for noise whose correlation falls by a factor a pixel, (P, G, 2, 2) [px2].
+
+    ``to_position`` takes the products of the images with a frame to the position, shape (P, 2, 6).
+    """
+    points, side = len(believed), int(np.sqrt(believed.shape[1]) + 0.5)
+    design = np.stack([np.ones(believed.shape[1]), *_offset_grid(side // 2)])
+    images = np.concatenate([g[:, None] * design for g in S.gradients], axis=1)
+    norm2 = np.where(S.norm2 > 0, S.norm2, 1)[:, None, None]
+    images = images - (S.sums / S.count[:, None])[..., None] * believed[:, None]
+    images = images - S.on_template[..., None] * S.template[:, None] / norm2 - S.on_shading @ S.shading
+    weights = (to_position @ images).reshape(points, 2, side, side)
+    spread = []
+    for correlation in NEIGHBOURS:
+        kernel = correlation ** np.abs(np.arange(1 - side, side))
+        seen = correlate1d(correlate1d(weights, kernel, axis=2, mode="constant"), kernel, axis=3, mode="constant")
+        spread.append(np.einsum("piuv,pjuv->pij", weights, seen))
+    return np.stack(spread, axis=1)
+
+
 class _Images:
     """Steepest-descent images of one kind of gradient: the gradients times 1, u, v of the offset (``design``)."""
 
-    def __init__(self, gradients: list[FloatArray], template: FloatArray, design: FloatArray) -> None:
-        self.gradients = gradients
+    def __init__(
+        self,
+        gradients: list[FloatArray],
+        template: FloatArray,
+        design: FloatArray,
+        count: IntArray,
+        shading: FloatArray,
+    ) -> None:
+        self.gradients, self.count, self.template, self.shading = gradients, count, template, shading
         self.norm2 = np.einsum("pn,pn->p", template, template)
         self.sums = np.concatenate([g @ design.T for g in gradients], axis=1)
         self.on_template = np.concatenate([(g * template) @ design.T for g in gradients], axis=1)
+        # Shape (P, 6, Q).
+        self.on_shading = np.concatenate([(shading * g[:, None]) @ design.T for g in gradients], axis=2).swapaxes(1, 2)
 
 
 def _normal_matrix(first: _Images, second: _Images, design: FloatArray) -> FloatArray:
-    """Products of the six images of both, less what each shares with a constant and with the template, (P, 6, 6).
+    """Products of the six images of both, less what each shares with a constant, template and shading, (P, 6, 6).
 
     ZNSSD sees neither gain nor bias, so those shares carry no information about the warp.
     """
@@ -199,9 +338,10 @@ def _normal_matrix(first: _Images, second: _Images, design: FloatArray) -> Float
     blocks = np.array([[(a * b) @ squares for b in second.gradients] for a in first.gradients])
     product = blocks.reshape(2, 2, -1, 3, 3).transpose(2, 0, 3, 1, 4).reshape(-1, 6, 6)
     norm2 = np.where(first.norm2 > 0, first.norm2, 1)[:, None, None]
-    constant = first.sums[:, :, None] * second.sums[:, None, :] / design.shape[1]
+    constant = first.sums[:, :, None] * second.sums[:, None, :] / first.count[:, None, None]
     template = first.on_template[:, :, None] * second.on_template[:, None, :] / norm2
-    return np.asarray(product - constant - template)
+    # Without shading, there is nothing to subtract.
+    return np.asarray(product - constant - template - first.on_shading @ second.on_shading.swapaxes(1, 2))
 
 
 @cache
@@ -215,7 +355,7 @@ def _compute_gradient_noise() -> float:
 
 
 def _is_well_posed(M: FloatArray) -> BoolArray:
-    """Whether matrices (P, 6, 6) fix all six parameters: their scaled symmetric part is far from singular."""
+    """Whether matrices (P, k, k) fix all k parameters: their scaled symmetric part is far from singular."""
     symmetric = (M + M.swapaxes(1, 2)) / 2
     diagonal = np.einsum("pkk->pk", symmetric)
     scale = np.sqrt(np.where(diagonal > 0, diagonal, 1))

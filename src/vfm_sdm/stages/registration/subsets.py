@@ -1,25 +1,30 @@
 """Subsets of a reference image, prepared once and registered to many other images."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray, as_float_array
-from vfm_sdm.errors import DatasetError, SessionError
-from vfm_sdm.stages.registration.kernels import correlate_on_grid, register_subsets
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.stages.registration.covariance import RIGID_PX, SubsetNoise
+from vfm_sdm.stages.registration.designs import SubsetDesign, Warp, check_subset_px
+from vfm_sdm.stages.registration.kernels import FAILED, correlate_on_grid, register_subsets
 from vfm_sdm.stages.registration.records import RawRegistration, Registration, Starts
-from vfm_sdm.stages.registration.reference_subsets import ReferenceSubsets, interpolation_noise, prepare_subsets
+from vfm_sdm.stages.registration.reference_subsets import ReferenceSubsets, prepare_subsets
 
 __all__ = [
     "RawRegistration",
     "Registration",
     "Starts",
     "SubsetBank",
+    "SubsetDesign",
+    "Warp",
     "check_luma",
     "check_subset_px",
     "register_subset",
@@ -28,16 +33,13 @@ __all__ = [
 TOLERANCE_PX = 1e-4
 """Distance to the minimum below which a registration has converged (RMS over the subset, from how the steps shrink):
 a small part of the scatter that any noise gives."""
-RIGID_PX = 0.15
-"""Largest displacement of a pixel by the warp's linear part that is left to the linearisation."""
 
 _SHARE = 16  # fewest registrations worth a thread of their own
-_PARAMETERS = 8  # six of the warp, gain and bias: degrees of freedom that a registration takes
 
 
 @dataclass(frozen=True, eq=False)
 class SubsetBank:
-    """Square subsets of a reference image with everything that their registration needs; made by `prepare`.
+    """Subsets of a reference image with everything that their registration needs; made by `prepare`.
 
     Parameters
     ----------
@@ -46,13 +48,15 @@ class SubsetBank:
     centers
         Pixels nearest to the points, which are the centres of the subsets, shape (P, 2) [px].
     subset_px
-        Side of the subsets, odd [px].
+        Side of each subset, odd, shape (P,) [px]; 1 for a point without a subset.
     inside
         Whether the subset lies inside the reference image, shape (P,).
     usable
         Whether, in addition, its texture fixes all parameters of the warp, shape (P,).
+    designs
+        Size, warp and mask of each subset; ``None`` where all are whole squares with an affine warp.
     prepared
-        Gradients and matrices.
+        Gradients and matrices: the subsets of each size, by their rows among the P.
 
     Notes
     -----
@@ -64,10 +68,11 @@ class SubsetBank:
 
     points: FloatArray
     centers: IntArray
-    subset_px: int
+    subset_px: IntArray
     inside: BoolArray
     usable: BoolArray
-    prepared: ReferenceSubsets
+    designs: tuple[SubsetDesign | None, ...] | None
+    prepared: tuple[tuple[IntArray, ReferenceSubsets], ...]
 
     @classmethod
     def prepare(
@@ -76,6 +81,7 @@ class SubsetBank:
         points: npt.ArrayLike,
         *,
         subset_px: int = 41,
+        designs: Sequence[SubsetDesign | None] | None = None,
         executor: Executor | None = None,
     ) -> "SubsetBank":
         """Bank of the subsets around points of a reference image.
@@ -87,28 +93,48 @@ class SubsetBank:
         points
             Points in it, shape (P, 2) [px], at any position. A subset that leaves the image is kept, as not usable.
         subset_px
-            Side of the subsets, odd [px].
+            Side of the subsets, odd [px], where there are no designs.
+        designs
+            Size, warp and mask of each of the P subsets; ``None`` for a point that is not to be registered.
         executor
             Threads that share the work; without them, it runs in this thread.
 
         Raises
         ------
         DatasetError
-            The image or the points are malformed.
+            The image or the points are malformed, or there is not one design a point.
         SessionError
             The size of the subset is even or too small.
         """
         check_luma(reference, "reference")
-        half = check_subset_px(subset_px, "subset_px") // 2
+        check_subset_px(subset_px, "subset_px")
         points2d = as_float_array(points, "points", (None, 2))
         if not np.isfinite(points2d).all():
             raise DatasetError("points: expected finite pixels, got NaN or infinity; name points in the reference")
+        if designs is not None and len(designs) != len(points2d):
+            raise DatasetError(
+                f"designs: expected one a point, got {len(designs)} for {len(points2d)} points; state None for points "
+                "that are not to be registered"
+            )
         centers = np.floor(points2d + 0.5).astype(np.int64)
+        sides = np.full(len(points2d), subset_px)
+        if designs is not None:
+            sides = np.array([1 if design is None else design.subset_px for design in designs], np.int64)
+        half = (sides // 2)[:, None]
         limit = np.array(reference.shape[::-1]) - 1
         inside = np.all((centers >= half) & (centers <= limit - half), axis=1)
         safe = np.where(inside[:, None], centers, half)
-        prepared = prepare_subsets(reference, safe, points2d - centers, half, executor=executor)
-        return cls(points2d, centers, subset_px, inside, inside & prepared.usable, prepared)
+        usable, prepared = np.zeros(len(points2d), np.bool_), []
+        for side in np.unique(sides[sides > 1]).tolist() if designs is not None else [subset_px]:
+            rows = np.flatnonzero(sides == side)
+            of_side = None if designs is None else [d for d in designs if d is not None and d.subset_px == side]
+            subsets = prepare_subsets(
+                reference, safe[rows], (points2d - centers)[rows], side // 2, designs=of_side, executor=executor
+            )
+            usable[rows] = inside[rows] & subsets.usable
+            prepared.append((rows, subsets))
+        kept = None if designs is None else tuple(designs)
+        return cls(points2d, centers, sides, inside, usable, kept, tuple(prepared))
 
     def __len__(self) -> int:
         return len(self.points)
@@ -217,17 +243,31 @@ class SubsetBank:
         """A kernel's work on registrations, in as many threads as are worth it."""
         picture = _find_plane(current)
         warps = np.where(self.usable[rows][:, None], warps, np.nan)
-        outcome = np.full((len(rows), 5), np.nan)
+        outcome = np.full((len(rows), 6), np.nan)
+        outcome[:, :2] = FAILED, 0
+        work = []
+        for members, subsets in self.prepared:
+            # One size is all registrations, which are then worked on where they stand.
+            mine = slice(None) if len(members) == len(self) else np.flatnonzero(np.isin(rows, members))
+            own = (np.searchsorted(members, rows[mine]), warps[mine], outcome[mine])
+            work.append((mine, subsets[:6], own))
 
-        def share(bounds: tuple[int, int]) -> None:
-            kernel(picture, self.prepared[:4], (rows, warps, outcome), settings, bounds)
+        def share(part: tuple[int, tuple[int, int]]) -> None:
+            _, bank, own = work[part[0]]
+            kernel(picture, bank, own, settings, part[1])
 
-        parts = min(os.cpu_count() or 1, len(rows) // _SHARE) if executor is not None else 1
-        if executor is None or parts < 2:
-            share((0, len(rows)))
+        shares = []
+        for number, (_, _, own) in enumerate(work):
+            parts = max(min(os.cpu_count() or 1, len(own[0]) // _SHARE), 1) if executor is not None else 1
+            bounds = np.linspace(0, len(own[0]), parts + 1).round().astype(int).tolist()
+            shares += [(number, bound) for bound in pairwise(bounds)]
+        if executor is None or len(shares) < 2:
+            for one in shares:
+                share(one)
         else:
-            bounds = np.linspace(0, len(rows), parts + 1).round().astype(int).tolist()
-            list(executor.map(share, pairwise(bounds)))
+            list(executor.map(share, shares))
+        for mine, _, own in work:
+            warps[mine], outcome[mine] = own[1:]
         return RawRegistration(rows, warps, outcome)
 
     def position(self, rows: IntArray, warps: FloatArray) -> FloatArray:
@@ -256,34 +296,45 @@ class SubsetBank:
         return Registration(
             position=self.position(raw.rows, warps),
             affine=warps[:, 2:].reshape(-1, 2, 2),
-            covariance=self._covariance(raw.rows, warps, raw.outcome[:, 3], raw.outcome[:, 4]),
+            covariance=self._noise.position_covariance(raw.rows, warps, raw.outcome[:, 3:]),
             correlation=raw.correlation,
             iterations=raw.outcome[:, 1].astype(np.int64),
             converged=raw.converged,
             outside=raw.outside,
         )
 
-    def _covariance(self, rows: IntArray, warps: FloatArray, residual: FloatArray, gain: FloatArray) -> FloatArray:
-        """Covariance of the positions, shape (K, 2, 2) [px2]; derived in `vfm_sdm.stages.tracking.icgn.IcgnTracker`."""
-        A = warps[:, 2:].reshape(-1, 2, 2)
-        table = interpolation_noise()
-        fraction = warps[:, :2] - np.floor(warps[:, :2])
-        kept = np.interp(fraction, np.linspace(0, 1, len(table)), table).prod(axis=1)
-        bending = np.abs(A - np.eye(2)).sum(axis=2).max(axis=1) * (self.subset_px // 2)
-        # A bent grid meets all fractions at once.
-        kept = np.where(bending > RIGID_PX, table[:-1].mean() ** 2, kept)
-        pixels = self.subset_px**2
-        contrast = self.prepared.moments[rows, 0] / pixels
-        signal = np.ones(len(rows))  # share of the template's variance that is not noise; it draws the gain towards 0
-        for _ in range(2):
-            variance = residual / ((pixels - _PARAMETERS) * (kept + gain**2 / signal))
-            signal = np.maximum(1 - variance / np.where(contrast > 0, contrast, 1), 0.1)
-        gain2 = (gain / signal) ** 2
-        inflation = _invert_two_by_two(np.eye(2) - variance[:, None, None] * self.prepared.noise_share[rows])
-        effective = variance * (1 + gain2) / gain2
-        spread = A @ inflation
-        unit = spread @ self.prepared.unit_covariance[rows] @ spread.swapaxes(1, 2)
-        return np.asarray(effective[:, None, None] * unit)
+    @cached_property
+    def edge_across(self) -> FloatArray:
+        """Unit vectors across the edges, shape (P, 2) [1]; NaN for a subset that is none."""
+        unknown = np.full(2, np.nan)
+        designs = (None,) * len(self) if self.designs is None else self.designs
+        across = [unknown if design is None else design.direction() for design in designs]
+        return np.array(across).reshape(-1, 2)
+
+    def hold_along_edges(self, rows: IntArray, centers: FloatArray) -> FloatArray:
+        """Starts of registrations, moved along edges to where the subset lies in the reference image.
+
+        Parameters
+        ----------
+        rows
+            Row of the subset of each start, shape (K,).
+        centers
+            Starts of the subsets' centres, shape (K, 2) [px].
+
+        Returns
+        -------
+        centers
+            Shape (K, 2) [px]; as they are where a subset is no edge.
+        """
+        if self.designs is None:
+            return centers
+        home, across = self.centers[rows], self.edge_across[rows]
+        moved = np.einsum("ki,ki->k", centers - home, across)
+        return np.where(np.isfinite(across), home + moved[:, None] * across, centers)
+
+    @cached_property
+    def _noise(self) -> SubsetNoise:
+        return SubsetNoise.of(self.subset_px, self.designs, self.prepared)
 
 
 def register_subset(
@@ -373,44 +424,6 @@ def check_luma(image: LumaArray, name: str) -> None:
     if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype in (np.uint8, np.uint16)):
         found = f"{image.dtype} of shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise DatasetError(f"{name}: expected one plane (H, W) of uint8 or uint16, got {found}; convert the image")
-
-
-def check_subset_px(subset_px: int, name: str) -> int:
-    """The side of a subset [px], after checking it.
-
-    Parameters
-    ----------
-    subset_px
-        Side of the subset [px].
-    name
-        Name of the setting in the message.
-
-    Raises
-    ------
-    SessionError
-        The side is even or below 9 px.
-
-    Examples
-    --------
-    >>> check_subset_px(41, "subset_px")
-    41
-    """
-    if subset_px < 9 or subset_px % 2 == 0:
-        raise SessionError(f"{name}: expected an odd number of at least 9 pixels, got {subset_px}; use 41")
-    return subset_px
-
-
-def _invert_two_by_two(matrices: FloatArray) -> FloatArray:
-    """Inverses of 2 x 2 matrices (..., 2, 2) near the identity.
-
-    They are NaN where the determinant is below 0.01: there nine tenths of the gradients are noise, without texture.
-    """
-    (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
-    determinant = a * d - b * c
-    sound = (determinant > 0.01) & (a + d > 0.2)
-    adjugate = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
-    inverse: FloatArray = adjugate / np.where(sound, determinant, np.nan)[..., None, None]
-    return inverse
 
 
 def _find_plane(image: LumaArray) -> tuple[LumaArray, int]:

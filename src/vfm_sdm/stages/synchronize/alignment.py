@@ -115,8 +115,9 @@ def _move_to_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack
     before = np.clip(np.searchsorted(have, want, side="right") - 1, 0, have.size - 2)
     status = worst_status([tracks["status"].values[before], tracks["status"].values[before + 1]])
     status = np.where(np.isnan(position).any(axis=-1) & (status == Status.OK), Status.LOST, status)
-    moved = tracks.isel(time=np.zeros(want.size, dtype=int)).assign_coords(time=("time", want, {"units": "s"}))
-    moved = moved[["position", "position_covariance", "status"]]
+    # What else is known of each sample is that of the nearest one.
+    closest = np.where(want - have[before] <= have[before + 1] - want, before, before + 1)
+    moved = tracks.isel(time=closest).assign_coords(time=("time", want, {"units": "s"}))
     moved["position"] = moved["position"].copy(data=position)
     moved["position_covariance"] = moved["position_covariance"].copy(data=covariance)
     moved["status"] = moved["status"].copy(data=status.astype(np.int8))

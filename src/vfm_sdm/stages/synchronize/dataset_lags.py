@@ -8,6 +8,8 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import check_displacement, check_tracks, trusted_values
 from vfm_sdm.core.statuses import ClockStatus
 from vfm_sdm.errors import DatasetError
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.stages.synchronize.channels import compare_points
 from vfm_sdm.stages.synchronize.lag import LagSearch, Synchronization, estimate_lag
 from vfm_sdm.stages.synchronize.signals import Samples
 
@@ -20,6 +22,7 @@ def estimate_view_lag(
     *,
     points: Sequence[str] | None = None,
     search: LagSearch | None = None,
+    rig: Rig | None = None,
     band_hz: tuple[float, float] = (0.5, 12.0),
 ) -> Synchronization:
     """Lag of one view's recording behind another's, from the tracks of the same moving points.
@@ -33,8 +36,15 @@ def estimate_view_lag(
         shaking.
     search
         Where the lag is looked for [s]; within 2 s of zero when left out.
+    rig
+        The cameras of the two views, where they are known.
     band_hz
         See `estimate_lag` [Hz].
+
+    Returns
+    -------
+    synchronization
+        The lag [s]; ``uses`` says of every point, in their order, whether it was used.
 
     Raises
     ------
@@ -45,10 +55,13 @@ def estimate_view_lag(
     -----
     Each point has its own 2 x 2 mixture from (u, v) to (u, v): what two cameras see of a motion in two directions. Both
     cameras must stand upright on the same side of the structure, so that a motion to the right or down is one in both:
-    otherwise half a period later would look as good.
+    otherwise half a period later would look as good. With known cameras the motion across the epipolar plane is
+    compared, which both see alike whatever the structure does; where that does not determine the lag, all of it. A
+    point on an edge counts by the motion across the edge.
 
-    Only samples of status ok are used. Points weigh by the residual that their own fit leaves, which holds the
-    tracker's noise as it is, not as the tracker states it.
+    Only samples of status ok are used, of every point its own: lost points do not matter to the others. Points weigh by
+    the residual that their own fit leaves, which holds the tracker's noise as it is, not as the tracker states it.
+    Points that show no common motion, or another lag than most, are left out (`find_consensus`).
     """
     check_tracks(tracks_a)
     check_tracks(tracks_b)
@@ -56,15 +69,20 @@ def estimate_view_lag(
     chosen = both if points is None else list(points)
     if not chosen or not set(chosen) <= set(both):
         raise DatasetError(f"points: expected some of {both}, which both views have, got {chosen}; correct them")
-    pairs = [((2 * i, 2 * i + 1), (2 * i, 2 * i + 1)) for i in range(len(chosen))]
-    return estimate_lag(
-        Samples(tracks_a["time"].values, _trusted_columns(tracks_a.sel(point=chosen), "position")),
-        Samples(tracks_b["time"].values, _trusted_columns(tracks_b.sel(point=chosen), "position")),
-        search=search or LagSearch(),
-        groups=pairs,
-        positive_gain=True,
-        band_hz=band_hz,
-    )
+    clocks = tracks_a["time"].values, tracks_b["time"].values
+    for cameras in (rig, None) if rig is not None else (None,):
+        values_a, values_b, groups = compare_points(tracks_a, tracks_b, chosen, cameras)
+        found = estimate_lag(
+            Samples(clocks[0], values_a),
+            Samples(clocks[1], values_b),
+            search=search or LagSearch(),
+            groups=groups,
+            positive_gain=True,
+            band_hz=band_hz,
+        )
+        if found.ok:
+            break
+    return found
 
 
 def synchronize_views(
@@ -74,7 +92,7 @@ def synchronize_views(
     start_std_s: float | None = None,
     points: Sequence[str] | None = None,
     search_s: float = 2.0,
-    band_hz: tuple[float, float] = (0.5, 12.0),
+    rig: Rig | None = None,
 ) -> dict[str, Synchronization]:
     """Clock of every view relative to the first view's.
 
@@ -87,8 +105,10 @@ def synchronize_views(
         convention of `align_views`, opposite in sign to a lag.
     start_std_s, search_s
         See `LagSearch` [s].
-    points, band_hz
+    points
         See `estimate_view_lag`.
+    rig
+        The cameras of all views by name, where they are known.
 
     Returns
     -------
@@ -111,7 +131,7 @@ def synchronize_views(
             tracks_by_view[name],
             points=points,
             search=LagSearch(search_s, -(start_offsets_s or {}).get(name, 0.0), start_std_s),
-            band_hz=band_hz,
+            rig=None if rig is None else Rig((reference, name), (rig.camera(reference), rig.camera(name))),
         )
     return result
 

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
-from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.statuses import ClockStatus
+from vfm_sdm.core.statuses import ClockStatus, ClockUse
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize.clock_rate import estimate_drift
+from vfm_sdm.stages.synchronize.consensus import Consensus, SearchedLags, find_consensus, tie_limit
 from vfm_sdm.stages.synchronize.search import Group, compute_dependence
 from vfm_sdm.stages.synchronize.signals import Samples, Signal, check_signal, prepare_signal, sampling_rate
-from vfm_sdm.stages.synchronize.subsample import SubsampleEstimator, SubsampleLag
+from vfm_sdm.stages.synchronize.subsample import SubsampleLag
 
 __all__ = ["LagSearch", "Synchronization", "estimate_lag"]
 
@@ -21,13 +20,6 @@ _HIGHEST_SHARE = 0.25
 _SHORTEST_OVERLAP_S = 3.0
 _SHORTEST_OVERLAP = 0.3
 """Share of the shorter recording that must overlap the other at a lag worth considering."""
-_ESTIMATED_PEAKS = 12
-_REACH = 1.5
-"""Samples between a peak of the search and its estimated place; what lies farther away is another peak."""
-_TIE = 3.0
-"""Standard deviations by which a peak must be better than the next."""
-_CHANCE = 1e-3
-"""Probability with which two unrelated recordings of noise may pass for related."""
 _PRIOR_REACH = 4.0
 """Standard deviations around a start value that are searched."""
 _LEAST_SEARCH = 4.0
@@ -76,6 +68,8 @@ class Synchronization:
     """Time on the first clock at which ``lag_s`` holds."""
     candidates: tuple[float, ...] = ()
     """Lags [s] that explain the recordings about as well as the best one, best first; it is among them."""
+    uses: tuple[ClockUse, ...] = ()
+    """What became of every group of channels, such as the points of two views."""
 
     @property
     def ok(self) -> bool:
@@ -176,41 +170,38 @@ def estimate_lag(
         # A peak is seen only with its neighbours, however well the start is known.
         reach = max(_PRIOR_REACH * search.start_std_s, _LEAST_SEARCH / min(rates))
         search = replace(search, search_s=min(search.search_s, reach))
-    lags, dependence = _search_lags(signal_a, signal_b, groups, search, positive_gain)
-    if not np.isfinite(dependence).any():
-        return _report_failure(ClockStatus.TOO_SHORT)
-    sizes = len(groups[0][0]), len(groups[0][1])
-    estimator = SubsampleEstimator(signal_a, signal_b, groups)
-    estimated = _estimate_peaks(estimator, lags, dependence, sizes[1])
-    at_edge = int(np.nanargmax(dependence)) not in _find_peaks(dependence)
-    if not estimated:
-        still = not np.nanmax(dependence) > 0
+    fewest = signal_a.rate_hz / band[0]
+    searched = _search_lags(signal_a, signal_b, groups, search, positive_gain)
+    searched = replace(searched, fewest=fewest, trials=2 * band[1] * searched.lags.size / signal_a.rate_hz)
+    consensus = find_consensus(searched)
+    return replace(_judge_consensus(searched, consensus, search), uses=consensus.uses)
+
+
+def _judge_consensus(searched: SearchedLags, consensus: Consensus, search: LagSearch) -> Synchronization:
+    """The lag of the groups that agree, or the reason why there is none."""
+    joint = consensus.joint
+    if not joint.estimated:
+        if not np.isfinite(joint.highest):
+            return _report_failure(ClockStatus.TOO_SHORT)
+        still = not joint.highest > 0
         return _report_failure(
-            ClockStatus.NO_MOTION if still else ClockStatus.AT_EDGE if at_edge else ClockStatus.NOT_CONVERGED
+            ClockStatus.NO_MOTION if still else ClockStatus.AT_EDGE if joint.at_edge else ClockStatus.NOT_CONVERGED
         )
-    best = estimated[0]
-    if not _is_related(best, sizes[0] * sizes[1], 2 * band[1] * lags.size / signal_a.rate_hz):
+    best = joint.estimated[0]
+    if not searched.is_related(best, consensus.members):
         return _report_failure(ClockStatus.NO_MOTION, best.correlation)
-    if at_edge and np.nanmax(dependence) > best.dependence:
+    if joint.beside:
         return _report_failure(ClockStatus.AT_EDGE, best.correlation)
-    return _judge_peaks(estimator, estimated, sizes[1], search)
+    chosen, candidates = _choose_peak(consensus, search)
+    if chosen is None or consensus.rivals:
+        return _report_failure(ClockStatus.NOT_UNIQUE, best.correlation, (*candidates, *consensus.rivals))
+    found = _with_clock_rate(consensus, chosen, candidates)
+    return replace(found, lag_std_s=found.lag_std_s * consensus.scatter(searched, chosen))
 
 
-def _judge_peaks(
-    estimator: SubsampleEstimator, estimated: Sequence[SubsampleLag], channels: int, search: LagSearch
-) -> Synchronization:
-    """The peak that stands out, with the ratio of the clock rates where it can be told."""
-    chosen, candidates = _choose_peak(estimated, channels, search)
-    if chosen is None:
-        return _report_failure(ClockStatus.NOT_UNIQUE, estimated[0].correlation, candidates)
-    return _with_clock_rate(estimator, chosen, candidates)
-
-
-def _with_clock_rate(
-    estimator: SubsampleEstimator, chosen: SubsampleLag, candidates: tuple[float, ...]
-) -> Synchronization:
+def _with_clock_rate(consensus: Consensus, chosen: SubsampleLag, candidates: tuple[float, ...]) -> Synchronization:
     """The lag that was chosen, freed from drift where the recording is long enough to see it."""
-    drift = estimate_drift(estimator, chosen)
+    drift = estimate_drift(consensus.joint.estimator, chosen)
     if drift is None:
         return Synchronization(
             chosen.lag_s, chosen.lag_std_s, chosen.correlation, ClockStatus.OK, at_s=chosen.at_s, candidates=candidates
@@ -229,66 +220,26 @@ def _with_clock_rate(
 
 def _search_lags(
     first: Signal, second: Signal, groups: Sequence[Group], search: LagSearch, positive_gain: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Lags of the search, whole samples apart, and the dependence there; NaN where too little overlaps."""
+) -> SearchedLags:
+    """Lags of the search, whole samples apart, and every group's dependence there."""
     rate, ahead = first.rate_hz, second.start_s - first.start_s
     lowest = int(np.floor((search.start_lag_s - search.search_s - ahead) * rate))
     highest = int(np.ceil((search.start_lag_s + search.search_s - ahead) * rate))
     steps = np.arange(max(lowest, 1 - len(first.values)), min(highest, len(second.values) - 1) + 1)
-    if steps.size == 0:
-        return np.zeros(0), np.zeros(0)
     dependence, samples = compute_dependence(first, second, groups, steps, positive_gain=positive_gain)
     shortest = max(_SHORTEST_OVERLAP_S * rate, _SHORTEST_OVERLAP * min(len(first.values), len(second.values)))
-    return ahead + steps / rate, np.where(samples >= shortest, dependence, np.nan)
+    lags, start = ahead + steps / rate, search.start_lag_s
+    return SearchedLags(first, second, groups, lags, dependence, samples, start_lag_s=start, shortest=shortest)
 
 
-def _find_peaks(dependence: FloatArray) -> list[int]:
-    """Places higher than both neighbours, the highest first."""
-    inner = dependence[1:-1]
-    tops = np.flatnonzero((inner > dependence[:-2]) & (inner >= dependence[2:])) + 1
-    return [int(top) for top in tops[np.argsort(-dependence[tops])]]
-
-
-def _estimate_peaks(
-    estimator: SubsampleEstimator, lags: FloatArray, dependence: FloatArray, channels: int
-) -> list[SubsampleLag]:
-    """The peaks that may be the best, each to a fraction of a sample; the best first."""
-    tops = _find_peaks(dependence)
-    estimated: list[SubsampleLag] = []
-    lowest = -np.inf
-    for top in tops[:_ESTIMATED_PEAKS]:
-        if dependence[top] < lowest:
-            break
-        fit = estimator.estimate(float(lags[top]))
-        if not (fit.converged and abs(fit.lag_s - lags[top]) < _REACH / estimator.first.rate_hz):
-            continue
-        if not estimated:
-            # A peak as good, but half-way between two samples, is on the grid no lower than this one's neighbours.
-            lowest = min(dependence[top - 1], dependence[top + 1]) - _tie_limit(fit, fit, channels)
-        estimated.append(fit)
-    return sorted(estimated, key=lambda fit: -fit.dependence)
-
-
-def _tie_limit(one: SubsampleLag, other: SubsampleLag, channels: int) -> float:
-    """Difference in dependence that noise may cause between two lags."""
-    return float(_TIE * 2 * np.sqrt(channels / max(min(one.independent_samples, other.independent_samples), 1.0)))
-
-
-def _is_related(fit: SubsampleLag, parameters: int, trials: float) -> bool:
-    """Whether noise alone would hardly explain this much at the best of so many lags."""
-    limit = float(chi2.isf(_CHANCE / max(trials, 1.0), parameters))
-    return fit.dependence * fit.independent_samples > limit
-
-
-def _choose_peak(
-    estimated: Sequence[SubsampleLag], channels: int, search: LagSearch
-) -> tuple[SubsampleLag | None, tuple[float, ...]]:
+def _choose_peak(consensus: Consensus, search: LagSearch) -> tuple[SubsampleLag | None, tuple[float, ...]]:
     """The peak that stands out, by itself or by its start value; and all that are about as good."""
+    estimated, groups = consensus.joint.estimated, consensus.joint.estimator.groups
     best = estimated[0]
     tied: list[SubsampleLag] = []
     for fit in estimated:
         known = any(abs(fit.lag_s - other.lag_s) < 3 * max(fit.lag_std_s, other.lag_std_s, 1e-4) for other in tied)
-        if best.dependence - fit.dependence <= _tie_limit(best, fit, channels) and not known:
+        if best.dependence - fit.dependence <= tie_limit(best, fit, groups) and not known:
             tied.append(fit)
     candidates = tuple(fit.lag_s for fit in tied)
     if len(tied) == 1:

@@ -9,7 +9,7 @@ from scipy import fft
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.stages.synchronize.signals import Signal
 
-__all__ = ["Group", "compute_dependence", "group_samples", "log_explained"]
+__all__ = ["Group", "average_groups", "compute_dependence", "group_samples", "log_explained"]
 
 ComplexArray = npt.NDArray[np.complex128]
 Group = tuple[tuple[int, ...], tuple[int, ...]]
@@ -110,9 +110,9 @@ def compute_dependence(
     Returns
     -------
     dependence
-        `log_explained` of the samples that meet, mean over the groups by their number of samples, shape (K,) [1].
+        `log_explained` of the samples that meet, of each of G groups, shape (G, K) [1]; 0 where none meet.
     samples
-        Number of samples that meet, mean over the groups, shape (K,) [1].
+        Number of samples that meet, shape (G, K) [1].
 
     Examples
     --------
@@ -121,17 +121,17 @@ def compute_dependence(
     >>> first, second = Signal(0.0, 30.0, noise[10:], valid), Signal(0.0, 30.0, noise[:-10], valid)
     >>> steps = np.arange(-20, 21)
     >>> dependence, _ = compute_dependence(first, second, [((0,), (0,))], steps, positive_gain=False)
-    >>> int(steps[dependence.argmax()])
+    >>> int(steps[dependence[0].argmax()])
     10
     """
     length = fft.next_fast_len(len(first.values) + len(second.values), real=True)
-    dependence, samples = np.zeros(steps.size), np.zeros(steps.size)
+    dependence, samples = np.zeros((len(groups), steps.size)), np.zeros((len(groups), steps.size))
 
     def sum_products(spectrum_a: ComplexArray, spectrum_b: ComplexArray) -> FloatArray:
         """Sums over i of a[i] b[i + step], shape (K, ...), from spectra, shape (F, ...)."""
         return np.asarray(fft.irfft(np.conj(spectrum_a) * spectrum_b, length, axis=0)[steps])
 
-    for channels_a, channels_b in groups:
+    for number, (channels_a, channels_b) in enumerate(groups):
         a, valid_a = group_samples(first, channels_a)
         b, valid_b = group_samples(second, channels_b)
         spectrum_a, spectrum_b = fft.rfft(a, length, axis=0), fft.rfft(b, length, axis=0)
@@ -143,6 +143,31 @@ def compute_dependence(
             sum_products(spectrum_a[:, :, None], spectrum_b[:, None, :]),
             positive_gain=positive_gain,
         )
-        dependence += count * np.where(count >= 1, explained, 0.0)
-        samples += count
-    return dependence / np.maximum(samples, 1.0), samples / len(groups)
+        samples[number] = np.rint(np.maximum(count, 0.0))
+        dependence[number] = np.where(samples[number] >= 1, explained, 0.0)
+    return dependence, samples
+
+
+def average_groups(dependence: FloatArray, samples: FloatArray, fewest: float) -> tuple[FloatArray, FloatArray]:
+    """Dependence of groups together: each counts by its samples, and not at all where it has too few.
+
+    Parameters
+    ----------
+    dependence, samples
+        Of `compute_dependence`, shapes (G, K) [1].
+    fewest
+        Samples below which a group does not count.
+
+    Returns
+    -------
+    dependence, samples
+        Means over the groups, weighted by their samples, shape (K,) [1]: groups that are lost lower neither.
+
+    Examples
+    --------
+    >>> average_groups(np.array([[1.0], [9.0]]), np.array([[100.0], [3.0]]), 10.0)
+    (array([1.]), array([100.]))
+    """
+    weight = np.where(samples >= fewest, samples, 0.0)
+    total = np.maximum(weight.sum(axis=0), 1.0)
+    return np.asarray((weight * dependence).sum(axis=0) / total), np.asarray((weight * samples).sum(axis=0) / total)

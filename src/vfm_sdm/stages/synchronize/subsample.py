@@ -30,7 +30,7 @@ class SubsampleLag:
     at_s: float
     """Time on the first clock that the lag belongs to [s]: centre of the information in it."""
     dependence: float
-    """Dependence of the signals at this lag, as in `vfm_sdm.stages.synchronize.search.compute_dependence`."""
+    """Dependence of the signals at this lag, as of `vfm_sdm.stages.synchronize.search.average_groups`."""
     correlation: float
     """Root of the share of the second signal's variance that the first explains."""
     independent_samples: float
@@ -66,6 +66,8 @@ class SubsampleEstimator:
         Signals of one rate, in one band.
     groups
         Channels compared together; every group has its own mixture.
+    fewest
+        Samples of a group below which it does not count.
 
     Notes
     -----
@@ -79,8 +81,8 @@ class SubsampleEstimator:
     count as what they are.
     """
 
-    def __init__(self, first: Signal, second: Signal, groups: Sequence[Group]) -> None:
-        self.first, self.second, self.groups = first, second, groups
+    def __init__(self, first: Signal, second: Signal, groups: Sequence[Group], *, fewest: float = 0.0) -> None:
+        self.first, self.second, self.groups, self.fewest = first, second, groups, fewest
         self._rates_a = np.asarray(CubicSpline(first.time_s, first.values).derivative()(first.time_s))
         self._curves_b = CubicSpline(second.time_s, second.values)
         self._rates_b = self._curves_b.derivative()
@@ -104,18 +106,12 @@ class SubsampleEstimator:
         >>> found.converged, round(found.lag_s, 4)
         (True, 0.01)
         """
-        time_s = self.first.time_s
-        begin, end = np.searchsorted(time_s, window_s) if window_s is not None else (0, time_s.size)
-        time_s, values, rates = (array[begin:end] for array in (time_s, self.first.values, self._rates_a))
-        present = []
-        for group in self.groups:
-            mask = self._shared_samples(group, start_lag_s)[begin:end]
-            if mask.sum() > 4 * len(group[0]):
-                present.append((group, mask))
+        begin, end = np.searchsorted(self.first.time_s, window_s) if window_s is not None else (0, None)
+        part = slice(int(begin), None if end is None else int(end))
+        present = self._present(start_lag_s, part)
         lag = start_lag_s
         for _ in range(_STEPS):
-            shifted, slopes = self._curves_b(time_s + lag), self._rates_b(time_s + lag)
-            fits = [_fit_group(values, rates, shifted, slopes, group, mask) for group, mask in present]
+            fits = self._fit(lag, present, part)
             information = sum(float((fit.direction * fit.slope).sum()) for fit in fits)
             if not information > 0:
                 break
@@ -123,8 +119,32 @@ class SubsampleEstimator:
             # A step of more than a sample leaves the peak that the search found.
             lag += float(np.clip(step, -1 / self.first.rate_hz, 1 / self.first.rate_hz))
             if abs(step) < _SMALLEST_STEP_S:
-                return _summarise(fits, lag, time_s, self.first.rate_hz)
+                return _summarise(fits, lag, self.first.time_s[part], self.first.rate_hz)
         return _NO_PEAK
+
+    def dependence_at(self, lag_s: float) -> float:
+        """Dependence of the signals at a lag [1], wherever it peaks; NaN where no group has enough samples.
+
+        Parameters
+        ----------
+        lag_s
+            Seconds by which the second signal happens later [s].
+        """
+        fits = self._fit(lag_s, self._present(lag_s, slice(None)), slice(None))
+        samples = sum(fit.samples for fit in fits)
+        return sum(fit.dependence * fit.samples for fit in fits) / samples if samples else float("nan")
+
+    def _present(self, lag_s: float, part: slice) -> list[tuple[Group, BoolArray]]:
+        """The groups that count in a part of the first clock, each with its samples there."""
+        masks = [(group, self._shared_samples(group, lag_s)[part]) for group in self.groups]
+        return [(group, mask) for group, mask in masks if mask.sum() > max(4 * len(group[0]), self.fewest)]
+
+    def _fit(self, lag_s: float, present: Sequence[tuple[Group, BoolArray]], part: slice) -> list[_Fit]:
+        """Regression of every group's b on its a at a lag."""
+        time_s = self.first.time_s[part] + lag_s
+        shifted, slopes = self._curves_b(time_s), self._rates_b(time_s)
+        values, rates = self.first.values[part], self._rates_a[part]
+        return [_fit_group(values, rates, shifted, slopes, group, mask) for group, mask in present]
 
     def _shared_samples(self, group: Group, lag_s: float) -> BoolArray:
         """Samples of the first clock at which both signals are valid, (T,)."""
@@ -176,14 +196,15 @@ def _spread_out(values: FloatArray, mask: BoolArray) -> FloatArray:
 
 def _summarise(fits: Sequence[_Fit], lag_s: float, time_s: FloatArray, rate_hz: float) -> SubsampleLag:
     """The lag, its uncertainty and its quality at the last step of the fit."""
-    residual = np.hstack([fit.residual for fit in fits])
+    # Each channel's residual over the root of its samples: a point that is lost for long is not thought calmer.
+    residual = np.hstack([fit.residual / np.sqrt(fit.samples) for fit in fits])
     direction = np.hstack([fit.direction for fit in fits])
     weight = np.sum([(fit.direction * fit.slope).sum(axis=1) for fit in fits], axis=0)
     information = float(weight.sum())
     samples = sum(fit.samples for fit in fits)
-    mean_samples = samples / len(fits)
+    mean_samples = sum(fit.samples**2 for fit in fits) / samples
     independent = mean_samples * _independent_share(residual)
-    variance = _variance_of_sum(direction, residual, mean_samples, rate_hz)
+    variance = _variance_of_sum(direction, residual, rate_hz)
     # The fit takes its parameters from the residual near the motion's frequencies, where the variance is read.
     nearby = min(independent, 2 * _SMOOTHING_HZ * mean_samples / rate_hz)
     variance *= nearby / max(nearby - max(fit.parameters for fit in fits), 1.0)
@@ -208,8 +229,8 @@ def _independent_share(residual: FloatArray) -> float:
     return float(min(1.0, scatter * power.sum() ** 2 / max(len(power) * (power**2).sum(), 1e-300)))
 
 
-def _variance_of_sum(weights: FloatArray, residual: FloatArray, samples: float, rate_hz: float) -> float:
-    """Variance of the sum of weights times a stationary residual; both (T, Q)."""
+def _variance_of_sum(weights: FloatArray, residual: FloatArray, rate_hz: float) -> float:
+    """Variance of the sum of weights times a stationary residual, given over the root of its samples; both (T, Q)."""
     length = fft.next_fast_len(2 * len(weights), real=True)
     spectrum_w, spectrum_e = fft.rfft(weights, length, axis=0), fft.rfft(residual, length, axis=0)
     # Averaging spectra over a triangle of frequencies is tapering covariances by a squared sinc.
@@ -220,4 +241,4 @@ def _variance_of_sum(weights: FloatArray, residual: FloatArray, samples: float, 
         covariance_w = fft.irfft(np.conj(w)[:, None] * spectrum_w, length, axis=0)
         covariance_e = fft.irfft(np.conj(e)[:, None] * spectrum_e, length, axis=0)
         total += float((taper[:, None] * covariance_w * covariance_e).sum())
-    return max(total, 0.0) / samples
+    return max(total, 0.0)

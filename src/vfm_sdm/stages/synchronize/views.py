@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.statuses import ClockStatus
+from vfm_sdm.core.statuses import ClockStatus, ClockUse
+from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import Session, View
 from vfm_sdm.stages.synchronize.alignment import align_views
 from vfm_sdm.stages.synchronize.dataset_lags import synchronize_views
@@ -17,7 +18,7 @@ _SEARCH_S = 3.0
 """Largest difference between the stated and the true offset of a view [s]."""
 
 
-def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset]) -> xr.Dataset:
+def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: Rig | None = None) -> xr.Dataset:
     """Tracks of all views on the reference view's clock, with the offset and rate of each view's own clock.
 
     The offset is estimated from the moving points where the session asks for it; where their motion does not determine
@@ -29,13 +30,16 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset]) -> xr
         Views with their stated offsets, points, and ``method.synchronization``.
     tracks
         Tracks by view, each on its own clock.
+    rig
+        The cameras, where they are known: what moves across the epipolar lines is then compared.
 
     Returns
     -------
     aligned
         Tracks with a dim ``view``, and on it ``clock_offset`` [s] (the applied one: time between the first frames of
         the reference view and of this view), ``clock_offset_std`` [s] (NaN where neither motion nor session give the
-        offset), ``clock_rate`` [1] and ``clock_status``; and ``bits_per_pixel`` [1] of the view's recording, infinite
+        offset), ``clock_rate`` [1] and ``clock_status``; ``clock_use`` (view, point), a `ClockUse` for every point;
+        and ``bits_per_pixel`` [1] of the view's recording, infinite
         where it is not compressed or not known.
 
     Raises
@@ -50,7 +54,12 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset]) -> xr
         for view in session.view:
             pair = {session.reference_view.name: tracks[session.reference_view.name], view.name: tracks[view.name]}
             one = synchronize_views(
-                pair, start_offsets_s=stated, start_std_s=view.time_offset_std_s, points=moving, search_s=_SEARCH_S
+                pair,
+                start_offsets_s=stated,
+                start_std_s=view.time_offset_std_s,
+                points=moving,
+                search_s=_SEARCH_S,
+                rig=rig,
             )
             found[view.name] = one[view.name]
     known = {name: one for name, one in found.items() if one.ok}
@@ -64,6 +73,7 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset]) -> xr
         clock_offset_std=("view", stds, {"units": "s"}),
         clock_rate=("view", list(rates.values()), {"units": "1"}),
         clock_status=("view", np.array([str(status) for status in statuses], dtype=object)),
+        clock_use=(("view", "point"), _list_uses(session, found, moving)),
         bits_per_pixel=("view", [_bits_per_pixel(tracks[name]) for name in stated], {"units": "1"}),
     )
 
@@ -75,6 +85,16 @@ def _offset_std(session: Session, view: View, found: Synchronization | None) -> 
     if found is not None and session.stated_offset_s(view) is None:
         return float("nan")
     return view.time_offset_std_s or 0.0
+
+
+def _list_uses(session: Session, found: Mapping[str, Synchronization], moving: list[str]) -> np.ndarray:
+    """What became of every point in every view, shape (V, P)."""
+    rows = []
+    for view in session.view:
+        uses = found[view.name].uses if view.name in found else ()
+        by_name = dict(zip(moving, uses, strict=True)) if uses else {}
+        rows.append([str(by_name.get(point.name, ClockUse.NOT_ASKED)) for point in session.point])
+    return np.array(rows, dtype=object)
 
 
 def _bits_per_pixel(tracks: xr.Dataset) -> float:

@@ -1,7 +1,7 @@
 """What a tracker is, and how one is found by name; `vfm_sdm.core.parts` lists them."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import xarray as xr
 
@@ -10,8 +10,9 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import find, make
 from vfm_sdm.inputs.session import Method
 from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.registration.designs import SubsetDesign
 
-__all__ = ["Tracker", "find_tracker", "tracker_of"]
+__all__ = ["DesignedTracker", "Tracker", "find_tracker", "tracker_of"]
 
 
 class Tracker(Protocol):
@@ -42,6 +43,35 @@ class Tracker(Protocol):
             Index of the frame in which ``points2d`` are given.
         progress
             Called with ``tracking``, the number of frames done so far and that of all.
+        """
+        ...
+
+
+@runtime_checkable
+class DesignedTracker(Protocol):
+    """A tracker that compares subsets, which can be designed for each point."""
+
+    name: str
+    compares_designed_subsets: bool
+
+    def track(
+        self,
+        video: Video,
+        points2d: FloatArray,
+        *,
+        names: Sequence[str],
+        reference_frame: int = 0,
+        progress: Progress | None = None,
+        designs: Sequence[SubsetDesign | None] | None = None,
+    ) -> xr.Dataset:
+        """Tracks dataset of the view; see `Tracker.track`.
+
+        Parameters
+        ----------
+        video, points2d, names, reference_frame, progress
+            As in `Tracker.track`.
+        designs
+            Size, warp and mask of each point's subset; ``None`` for a point that is not to be tracked.
         """
         ...
 

@@ -64,8 +64,9 @@ class Follower:
 
     def __init__(self, bank: SubsetBank, reference: LumaArray, settings: FollowSettings, executor: Executor) -> None:
         self._bank, self._settings, self._executor = bank, settings, executor
-        half = bank.subset_px // 2
-        self._cuts = {int(p): cut_subset(reference, bank.centers[p], half) for p in np.flatnonzero(bank.inside)}
+        self._half, self._designs = bank.subset_px // 2, bank.designs or (None,) * len(bank)
+        usable = np.flatnonzero(bank.usable).tolist()
+        self._cuts = {p: cut_subset(reference, bank.centers[p], int(self._half[p])) for p in usable}
         identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(bank), 1))
         self._last = np.concatenate([bank.centers, identity], axis=1)  # warps where each was found last
         self._step = np.zeros((len(bank), 2))  # motion over the last two frames, where both were found
@@ -89,7 +90,9 @@ class Follower:
             start[:, :2] += self._step
         if expected is not None:
             shown = np.isfinite(expected).all(axis=1)
-            start[shown, :2] = (expected - self._bank.offset)[shown]
+            start[shown, :2] = self._bank.hold_along_edges(np.arange(len(self._bank)), expected - self._bank.offset)[
+                shown
+            ]
         raw = self._register(luma, np.arange(len(self._bank)), start)
         continuous = raw.converged & self._within_reach(np.hypot(*(raw.warps[:, :2] - start[:, :2]).T))
         found = continuous & (raw.correlation >= self._settings.reliable_correlation)
@@ -108,9 +111,8 @@ class Follower:
 
     def _clearance(self, warps: FloatArray, luma: LumaArray) -> FloatArray:
         """Smallest distance between the subsets at these places and the border of the image, shape (P,) [px]."""
-        half = self._bank.subset_px // 2
         limit = np.array(luma.shape[::-1]) - 1
-        return np.asarray(np.minimum(warps[:, :2], limit - warps[:, :2]).min(axis=1) - half)
+        return np.asarray(np.minimum(warps[:, :2], limit - warps[:, :2]).min(axis=1) - self._half)
 
     def _register(self, luma: LumaArray, rows: IntArray, warps: FloatArray) -> RawRegistration:
         return self._bank.run(luma, rows, warps, max_iterations=self._settings.max_iterations, executor=self._executor)
@@ -119,12 +121,12 @@ class Follower:
         """Subset and centre (K, 2) of the correlation peaks around places (P, 2), for some of the P subsets."""
 
         def search(p: int) -> FloatArray:
-            radius_px = self._settings.search_radius_px
-            return correlation_peaks(self._cuts[p], luma, places[p], radius_px=radius_px, count=count)
+            radius_px, design = self._settings.search_radius_px, self._designs[p]
+            return correlation_peaks(self._cuts[p], luma, places[p], radius_px=radius_px, count=count, design=design)
 
         centers = list(self._executor.map(search, rows.tolist()))
         owners = np.repeat(rows, [len(c) for c in centers])
-        return owners, np.concatenate([np.empty((0, 2)), *centers])
+        return owners, self._bank.hold_along_edges(owners, np.concatenate([np.empty((0, 2)), *centers]))
 
     def _search(
         self, luma: LumaArray, doubtful: IntArray, raw: RawRegistration, *, continuous: BoolArray, found: BoolArray

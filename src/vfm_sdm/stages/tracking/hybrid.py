@@ -10,6 +10,7 @@ from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.session import Network
 from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.registration.designs import SubsetDesign
 from vfm_sdm.stages.tracking.base import find_tracker
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.inputs import check_counts
@@ -46,6 +47,8 @@ class HybridTracker:
     found the point, the status is ``unreliable``.
     """
 
+    compares_designed_subsets = True
+
     def __init__(
         self, *, follower: str, subset_px: int = 41, network: Network | None = None, agreement_px: float = 1.0
     ) -> None:
@@ -68,6 +71,7 @@ class HybridTracker:
         names: Sequence[str],
         reference_frame: int = 0,
         progress: Progress | None = None,
+        designs: Sequence[SubsetDesign | None] | None = None,
     ) -> xr.Dataset:
         """Tracks of named points.
 
@@ -83,6 +87,8 @@ class HybridTracker:
             Index of the frame in which ``points2d`` are given.
         progress
             Called with ``tracking``, the number of frames done so far and that of all.
+        designs
+            Size, warp and mask of each point's subset; ``None`` for a point that is not to be tracked.
 
         Returns
         -------
@@ -98,15 +104,20 @@ class HybridTracker:
             video, points2d, names=names, reference_frame=reference_frame, progress=_in_halves(progress, 0)
         )
         expected = followed["position"].values
-        tracks = self.registration_tracker.track(
+        tracks = self.registration_tracker.starting_from(expected).track(
             video,
             points2d,
             names=names,
             reference_frame=reference_frame,
             progress=_in_halves(progress, len(expected)),
-            expected=expected,
+            designs=designs,
         )
-        disagreement = np.linalg.norm(tracks["position"].values - expected, axis=2)
+        apart = tracks["position"].values - expected
+        disagreement = np.linalg.norm(apart, axis=2)
+        if "edge_across" in tracks:  # along an edge, the registration says nothing to disagree with
+            across = tracks["edge_across"].values
+            edge = np.isfinite(across).all(axis=1)
+            disagreement[:, edge] = np.abs(np.einsum("tpi,pi->tp", apart[:, edge], across[edge]))
         status = tracks["status"]
         doubtful = (status.values == Status.OK) & ~(disagreement <= self.agreement_px)
         tracks["status"] = status.copy(data=np.where(doubtful, np.int8(Status.UNRELIABLE), status.values))

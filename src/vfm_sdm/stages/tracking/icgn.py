@@ -3,15 +3,18 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.core.covariances import judged_std
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
-from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, check_subset_px
+from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign, check_subset_px
 from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
 from vfm_sdm.stages.tracking.split_subset import SplitSubsets
@@ -22,7 +25,7 @@ _CHUNK = 256  # frames whose covariances are computed at one time
 
 
 class IcgnTracker:
-    """Follows points by registering the square subset around each to every frame (IC-GN, ZNSSD, affine warp).
+    """Follows points by registering the subset around each to every frame (IC-GN, ZNSSD; by default an affine warp).
 
     Parameters
     ----------
@@ -31,7 +34,8 @@ class IcgnTracker:
     settings
         Limits that decide between following, searching and giving up.
     max_std_px
-        Above this stated standard deviation, in its worst direction, a point is unreliable [px].
+        Above this stated standard deviation, in its worst direction, a point is unreliable [px]; across its edge where
+        it is designed as one.
     threads
         Threads that share the points; all processors by default.
 
@@ -73,6 +77,7 @@ class IcgnTracker:
     """
 
     name = "icgn"
+    compares_designed_subsets = True
 
     def __init__(
         self,
@@ -95,6 +100,19 @@ class IcgnTracker:
         self.subset_px = subset_px
         self.max_std_px = max_std_px
         self.threads = threads or os.cpu_count() or 1
+        self._expected: FloatArray | None = None
+
+    def starting_from(self, expected: FloatArray) -> "IcgnTracker":
+        """The tracker with starts from another one that followed the same points through the same video.
+
+        Parameters
+        ----------
+        expected
+            Where that tracker saw the points, shape (T, P, 2) [px]: registrations start there, unless it is NaN.
+        """
+        tracker = copy(self)
+        tracker._expected = expected
+        return tracker
 
     def track(
         self,
@@ -104,7 +122,7 @@ class IcgnTracker:
         names: Sequence[str],
         reference_frame: int = 0,
         progress: Progress | None = None,
-        expected: FloatArray | None = None,
+        designs: Sequence[SubsetDesign | None] | None = None,
     ) -> xr.Dataset:
         """Tracks of named points, every frame registered to the reference frame.
 
@@ -120,31 +138,35 @@ class IcgnTracker:
             Index of the frame in which ``points2d`` are given.
         progress
             Called with ``tracking``, the number of frames done so far and that of all.
-        expected
-            Where another tracker saw the points, shape (T, P, 2) [px]: registrations start there, unless it is NaN.
+        designs
+            Size, warp and mask of each point's subset; ``None`` for a point that is not to be tracked. Without them,
+            whole squares of ``subset_px`` with an affine warp.
 
         Returns
         -------
         xr.Dataset
             Tracks (see `vfm_sdm.core.datasets`) with ``correlation`` (time, point): ZNCC [1], and ``half_difference``
             (time, point, pixel): how far the right half of a subset moved beyond the left one [px], each tracked by
-            itself, in every fourth frame, else NaN.
+            itself, in every fourth frame, else NaN. With designs also ``subset_px``, ``warp``, ``edge_across`` and
+            ``believed``.
 
         Raises
         ------
         DatasetError
-            Points lie outside the image, names are not distinct, or there is no such reference frame.
+            Points lie outside the image, names are not distinct, there is not one design a point, or there is no such
+            reference frame.
         """
         points = check_points(points2d, names, video)
         records: list[tuple[_Record, SplitSubsets]] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
-                bank = SubsetBank.prepare(reference, points, subset_px=self.subset_px, executor=executor)
+                size = self.subset_px
+                bank = SubsetBank.prepare(reference, points, subset_px=size, designs=designs, executor=executor)
                 record = _Record(bank, Follower(bank, reference, self.settings, executor))
                 halves = SplitSubsets(reference, bank, executor)
                 records.append((record, halves))
-                places = iter(() if expected is None else expected)
+                places = iter(() if self._expected is None else self._expected)
                 return lambda luma: halves.advance(luma, record.advance(luma, next(places, None)))
 
             time_s = follow_frames(video, reference_frame, begin, progress)
@@ -154,7 +176,9 @@ class IcgnTracker:
         lost = (status == Status.OK) & ~np.isfinite(covariance).all(axis=(2, 3))
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
-        doubtful = (correlation < self.settings.reliable_correlation) | (_largest_std(covariance) > self.max_std_px)
+        across = record.bank.edge_across
+        doubtful = correlation < self.settings.reliable_correlation
+        doubtful |= judged_std(covariance, across) > self.max_std_px
         status[doubtful & (status == Status.OK)] = Status.UNRELIABLE
         attrs = {
             "tracker": self.name,
@@ -165,6 +189,8 @@ class IcgnTracker:
             "subset_px": self.subset_px,
         }
         tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
+        if designs is not None:
+            tracks = tracks.assign(_describe(designs, across))
         return tracks.assign(
             correlation=(("time", "point"), correlation, {"units": "1"}),
             half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}),
@@ -175,7 +201,7 @@ class _Record:
     """Registrations of a follower in all frames so far; covariances are computed for many frames at a time."""
 
     def __init__(self, bank: SubsetBank, follower: Follower) -> None:
-        self._bank, self._follower = bank, follower
+        self.bank, self._follower = bank, follower
         self._open: list[tuple[RawRegistration, IntArray]] = []
         self._closed: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []
 
@@ -203,15 +229,20 @@ class _Record:
         return position, covariance, correlation, status
 
     def _close(self) -> None:
-        frames, points = len(self._open), len(self._bank)
-        found = self._bank.interpret(RawRegistration.joined([raw for raw, _ in self._open]))
+        frames, points = len(self._open), len(self.bank)
+        found = self.bank.interpret(RawRegistration.joined([raw for raw, _ in self._open]))
         position, correlation = found.position.reshape(frames, points, 2), found.correlation.reshape(frames, points)
         covariance = found.covariance.reshape(frames, points, 2, 2)
         self._closed.append((position, covariance, correlation, np.array([codes for _, codes in self._open])))
         self._open.clear()
 
 
-def _largest_std(covariance: FloatArray) -> FloatArray:
-    """Standard deviation in the worst direction of covariances (..., 2, 2), shape (...) [px]."""
-    xx, yy, xy = covariance[..., 0, 0], covariance[..., 1, 1], covariance[..., 0, 1]
-    return np.asarray(np.sqrt((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)))
+def _describe(designs: Sequence[SubsetDesign | None], across: FloatArray) -> dict[str, Any]:
+    """What the tracks say of the designs of P points, with directions across edges (P, 2)."""
+    believed = [0.0 if design is None else design.believed_px / design.subset_px**2 for design in designs]
+    return {
+        "subset_px": ("point", [0 if design is None else design.subset_px for design in designs], {"units": "px"}),
+        "warp": ("point", np.array(["" if design is None else str(design.warp) for design in designs], dtype=object)),
+        "edge_across": (("point", "pixel"), across, {"units": "1"}),
+        "believed": ("point", believed, {"units": "1"}),
+    }

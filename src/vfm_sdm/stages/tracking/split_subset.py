@@ -1,11 +1,13 @@
 """Left and right halves of subsets, tracked by themselves: where they move apart, a subset covers two motions."""
 
 from concurrent.futures import Executor
+from dataclasses import replace
 
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
-from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
+from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX
+from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign
 
 __all__ = ["SplitSubsets"]
 
@@ -25,16 +27,21 @@ class SplitSubsets:
         The bank of the whole subsets.
     executor
         Threads that share the work.
+
+    Notes
+    -----
+    The halves have the warps of the whole, and its believed pixels.
     """
 
     def __init__(self, reference: LumaArray, whole: SubsetBank, executor: Executor) -> None:
         self._whole, self._executor = whole, executor
-        self._apart = np.array([whole.subset_px // 4, 0.0])
-        side = whole.subset_px // 4 * 2 + 1
+        self._apart = np.column_stack([whole.subset_px // 4, np.zeros(len(whole))])
+        places = np.concatenate([whole.points - self._apart, whole.points + self._apart])
+        given = whole.designs or tuple(SubsetDesign(px) for px in whole.subset_px.tolist())
+        designs = [None if design is None else _cut_half(design, side) for side in (-1, 1) for design in given]
         self._bank = None
-        if side >= _LEAST_SIDE_PX:
-            places = np.concatenate([whole.points - self._apart, whole.points + self._apart])
-            self._bank = SubsetBank.prepare(reference, places, subset_px=side, executor=executor)
+        if any(design is not None for design in designs):
+            self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
         self._found: list[FloatArray] = []
 
     def advance(self, luma: LumaArray, found: RawRegistration) -> None:
@@ -58,7 +65,7 @@ class SplitSubsets:
 
     def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> FloatArray:
         affine = np.where(found.converged[:, None], found.warps[:, 2:], np.nan).reshape(-1, 2, 2)
-        middle, step = self._whole.position(found.rows, found.warps), affine @ self._apart
+        middle, step = self._whole.position(found.rows, found.warps), (affine @ self._apart[..., None])[..., 0]
         both = np.concatenate([affine, affine])
         start = np.concatenate([middle - step, middle + step]) - (both @ bank.offset[..., None])[..., 0]
         rows = np.arange(len(bank))
@@ -66,3 +73,16 @@ class SplitSubsets:
         place = np.where(raw.converged[:, None], bank.position(rows, raw.warps), np.nan)
         left, right = np.split(place, 2)
         return np.asarray(right - left - 2 * self._apart)
+
+
+def _cut_half(design: SubsetDesign, side: int) -> SubsetDesign | None:
+    """The design of the left (-1) or right (1) half of a subset; ``None`` where too little of it is believed."""
+    step, middle = design.subset_px // 4, design.subset_px // 2
+    half_px = 2 * step + 1
+    if half_px < _LEAST_SIDE_PX:
+        return None
+    left, top = middle + side * step - step, middle - step
+    mask = None if design.mask is None else design.mask[top : top + half_px, left : left + half_px]
+    if mask is not None and np.count_nonzero(mask) < FEWEST_BELIEVED_PX:
+        return None
+    return replace(design, subset_px=half_px, mask=mask)

@@ -6,6 +6,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import firwin
 
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
+from vfm_sdm.core.covariances import edges_across, find_edges
 from vfm_sdm.core.datasets import check_tracks
 
 __all__ = ["include_track_noise"]
@@ -40,6 +41,8 @@ def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
     where the structure does not move, in the highest fifth of the band: variance there over the filter's share of
     white noise, mean over 3 s.
 
+    Of a point on an edge only the scatter across it counts.
+
     Motion of the structure in that band (above 12 Hz at 30 frames a second) counts as noise, and errors that are
     stronger at low frequencies are understated. What the codec makes of every motion alike, a gain a little below 1, is
     not scatter and not in it.
@@ -55,21 +58,34 @@ def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
     """
     check_tracks(tracks)
     kernel = firwin(_TAPS, _EDGE, pass_zero=False, window=("kaiser", _KAISER))
-    time_s, position = tracks["time"].values, tracks["position"].values
+    time_s, axes = tracks["time"].values, _measured_axes(tracks)
+    position = _turn(axes, tracks["position"].values)
     rate_hz = (len(time_s) - 1) / (time_s[-1] - time_s[0]) if len(time_s) > 1 else 1.0
     variance = np.full(position.shape, np.nan)
     for point in range(position.shape[1]):
-        for run in unbroken_runs(np.isfinite(position[:, point]).all(axis=1)):
+        for run in unbroken_runs(np.asarray(np.isfinite(position[:, point]).all(axis=1))):
             variance[run, point] = _estimate_variance(position[run, point], kernel, max(1, round(_WINDOW_S * rate_hz)))
-    covariance = tracks["position_covariance"].values
+    covariance = axes @ tracks["position_covariance"].values @ axes.swapaxes(1, 2)
     stated = np.einsum("tpii->tpi", covariance)
     larger = np.isfinite(variance) & (variance > stated) & (stated > 0)
     factor = np.sqrt(np.divide(variance, stated, out=np.ones_like(stated), where=larger))
-    raised = tracks.copy()
-    raised["position_covariance"] = tracks["position_covariance"].copy(
-        data=covariance * factor[..., :, None] * factor[..., None, :]
-    )
-    return raised.assign(scatter=(("time", "point", "pixel"), np.sqrt(variance), {"units": "px"}))
+    raised, back = tracks.copy(), axes.swapaxes(1, 2)
+    larger_covariance = covariance * factor[..., :, None] * factor[..., None, :]
+    raised["position_covariance"] = tracks["position_covariance"].copy(data=back @ larger_covariance @ axes)
+    scatter = np.sqrt(_turn(back**2, variance))
+    return raised.assign(scatter=(("time", "point", "pixel"), scatter, {"units": "px"}))
+
+
+def _measured_axes(tracks: xr.Dataset) -> FloatArray:
+    """Rows are the directions in which noise is looked for, shape (P, 2, 2) [1]: u and v; across and along an edge."""
+    across, edge = edges_across(tracks), find_edges(tracks)
+    turned = np.stack([across, np.stack([-across[:, 1], across[:, 0]], axis=-1)], axis=1)
+    return np.where(edge[:, None, None], turned, np.eye(2))
+
+
+def _turn(axes: FloatArray, values: FloatArray) -> FloatArray:
+    """Vectors (T, P, 2) in other axes (P, 2, 2)."""
+    return np.asarray((axes @ values[..., None])[..., 0])
 
 
 def _estimate_variance(values: FloatArray, kernel: FloatArray, window: int) -> FloatArray:

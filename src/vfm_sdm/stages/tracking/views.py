@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,7 +12,8 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
-from vfm_sdm.stages.tracking.base import Tracker
+from vfm_sdm.stages.tracking.base import DesignedTracker, Tracker
+from vfm_sdm.stages.tracking.subset_design import SubsetChoice
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
 __all__ = ["track_views"]
@@ -22,6 +24,7 @@ def track_views(
     points: xr.Dataset,
     tracker: Tracker,
     *,
+    subsets: Mapping[str, Mapping[str, SubsetChoice]] | None = None,
     progress: Progress | None = None,
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
@@ -37,6 +40,9 @@ def track_views(
         Points dataset: positions in the first frame of every view, shape (V, P, 2) [px].
     tracker
         Tracker that follows the points.
+    subsets
+        What the subset of each point compares, by view and point, for trackers that have subsets to design; a point
+        that is refused there has no track.
     progress
         Called with the view and the frames done.
 
@@ -49,14 +55,23 @@ def track_views(
     """
     tracks = {}
     for view, video in videos.items():
-        found = _track_view(video, points.sel(view=view), tracker, _named(progress, view))
+        chosen = None if subsets is None else subsets.get(view)
+        found = _track_view(video, points.sel(view=view), tracker, chosen, _named(progress, view))
+        if chosen:
+            found = found.assign(_describe_choices(chosen, [str(name) for name in found["point"].values]))
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
         tracks[view] = include_track_noise(found)
         tracks[view].attrs["recording"] = {**asdict(video.report), "bits_per_pixel": _bits_per_pixel(video)}
     return tracks
 
 
-def _track_view(video: Video, points: xr.Dataset, tracker: Tracker, progress: Progress | None) -> xr.Dataset:
+def _track_view(
+    video: Video,
+    points: xr.Dataset,
+    tracker: Tracker,
+    subsets: Mapping[str, SubsetChoice] | None,
+    progress: Progress | None,
+) -> xr.Dataset:
     """Tracks of one view; rows of NaN and status lost for the points that have no position."""
     names = [str(name) for name in points["point"].values]
     positions = points["position"].transpose("point", "pixel").values
@@ -64,9 +79,25 @@ def _track_view(video: Video, points: xr.Dataset, tracker: Tracker, progress: Pr
     if not known.any():
         return _lost_tracks(np.array([frame.time_s for frame in video.frames()]), names)
     chosen = [name for name, ok in zip(names, known, strict=True) if ok]
-    tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
+    if subsets and isinstance(tracker, DesignedTracker):
+        designs = [subsets[name].design for name in chosen]
+        tracks = tracker.track(video, positions[known], names=chosen, progress=progress, designs=designs)
+    else:
+        tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
     codes = tracks["status"].dtype.type(Status.LOST)
-    return tracks if known.all() else tracks.reindex(point=names, fill_value={"status": codes})
+    missing = {"status": codes, "subset_px": 0, "warp": "", "believed": 0.0}
+    fill = {name: missing.get(str(name), np.nan) for name in tracks.data_vars}
+    return tracks if known.all() else tracks.reindex(point=names, fill_value=fill)
+
+
+def _describe_choices(subsets: Mapping[str, SubsetChoice], names: list[str]) -> dict[str, Any]:
+    """Variables that say of each point whether its subset was refused, and which place would do."""
+    status = [str(subsets[name].status) if name in subsets else "" for name in names]
+    nearest = [subsets[name].nearest if name in subsets else np.full(2, np.nan) for name in names]
+    return {
+        "subset_status": ("point", np.array(status, dtype=object)),
+        "nearest_texture": (("point", "pixel"), np.array(nearest), {"units": "px"}),
+    }
 
 
 def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:

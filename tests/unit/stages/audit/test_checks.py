@@ -12,7 +12,7 @@ from vfm_sdm.core.datasets import (
     make_points,
     make_tracks,
 )
-from vfm_sdm.core.statuses import CameraStatus, ClockStatus, Outcome, RecordingStatus, RefinementStatus
+from vfm_sdm.core.statuses import CameraStatus, ClockStatus, ClockUse, Outcome, RecordingStatus, RefinementStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.audit.clocks import check_drift, check_synchronization
@@ -205,6 +205,15 @@ def test_a_clock_that_nobody_knows():
     unknown = aligned(clock_status=ClockStatus.NO_MOTION, offset_std=np.nan)
     found = check_synchronization(AuditInputs(session=session(), tracks={"left": 0, "right": 0}, aligned=unknown))
     assert (found.outcome, found.where) == (Outcome.FAIL, "right")
+
+
+def test_points_that_the_clocks_leave_out_are_named():
+    uses = np.array([[ClockUse.USED, ClockUse.USED], [ClockUse.USED, ClockUse.DISAGREES]], dtype=object)
+    inputs = {"session": session(), "tracks": {"left": 0, "right": 0}}
+    found = check_synchronization(AuditInputs(**inputs, aligned=aligned().assign(clock_use=(("view", "point"), uses))))
+    assert found.outcome == Outcome.PASS
+    assert found.sentence.endswith("without 'wall', which moves otherwise than most: check its place")
+    assert "without" not in check_synchronization(AuditInputs(**inputs, aligned=aligned())).sentence
 
 
 def test_drift_of_a_short_recording_is_not_possible():

@@ -7,7 +7,7 @@ from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
-from vfm_sdm.inputs.session import Site
+from vfm_sdm.inputs.session import Level, Readings, Site
 from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.matching.matches import Matches
 
@@ -141,9 +141,9 @@ def test_level_second_camera_is_an_observation():
     rng = np.random.default_rng(7)
     trial = site_trial(rng)
     site = measured_site(trial, rng)
-    levels = {"b": (0.0, 0.0, np.radians(0.05))}
+    readings = {"b": Readings(level=Level(std_deg=0.05))}
     before = {q.name: q for q in adjust_to_site(trial.prior, [], site, {}).quantities}
-    adjustment = adjust_to_site(trial.prior, [], site, {}, levels=levels)
+    adjustment = adjust_to_site(trial.prior, [], site, {}, readings=readings)
     after = {q.name: q for q in adjustment.quantities}
     assert "pitch b" not in before
     # The reference camera's own level is only known to a degree, so its reading cannot be beaten by the second.

@@ -10,10 +10,11 @@ from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Session, Site
-from vfm_sdm.stages.cameras import two_view
+from vfm_sdm.stages.cameras import related_views
+from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
 from vfm_sdm.stages.cameras.site import adjust_to_site
-from vfm_sdm.stages.cameras.two_view import TwoViewCameras, estimate_relative_pose
-from vfm_sdm.stages.matching.features import match_features, to_eight_bit
+from vfm_sdm.stages.cameras.two_view import TwoViewCameras
+from vfm_sdm.stages.matching.features import FeatureMatches
 
 
 def session(*, lens=True, baseline=True, views=("left", "right")):
@@ -54,31 +55,6 @@ class TestRelativePose:
         rig = simple_rig()
         _, inliers = estimate_relative_pose(np.zeros((5, 2)), np.zeros((5, 2)), *rig.cameras)
         assert inliers.tolist() == [False] * 5
-
-
-class TestFeatures:
-    def test_matches_of_a_shifted_image_are_the_shift(self):
-        image = textured(np.random.default_rng(1), (340, 460))
-        first, second = match_features(image[20:320, 30:430], image[10:310, 5:405])
-        assert len(first) > 50
-        np.testing.assert_allclose(np.median(second - first, axis=0), [25, 10], atol=0.05)
-
-    def test_large_images_are_reduced_without_a_shift_of_half_a_pixel(self):
-        small = textured(np.random.default_rng(2), (500, 1200))
-        # Every pixel becomes a block of 3 x 3, so pixel k of the small image is centred on 3 k + 1 of the large one.
-        large = np.kron(small, np.ones((3, 3), np.uint8))
-        first, second = match_features(small, large)
-        assert len(first) > 100
-        np.testing.assert_allclose(np.median(second - (3 * first + 1), axis=0), 0, atol=0.2)
-
-    def test_nothing_to_match_is_an_empty_set(self):
-        flat = np.full((200, 200), 90, np.uint8)
-        first, second = match_features(flat, flat)
-        assert first.shape == second.shape == (0, 2)
-
-    def test_sixteen_bit_is_stretched(self):
-        image = np.array([[100, 1100], [600, 350]], np.uint16)
-        assert to_eight_bit(image).tolist() == [[0, 255], [128, 64]]
 
 
 class TestTwoViewCameras:
@@ -167,8 +143,9 @@ class TestThreeViews:
         u = u[:, ((u >= 0) & (u <= np.array(SIZE) - 1)).all(axis=(0, 2))]
         # The first twenty features are matched in both pairs, all others in one.
         half = u.shape[1] // 2
-        seen = [(u[0, :half], u[1, :half]), (u[0, half - 20 :], u[2, half - 20 :])]
-        monkeypatch.setattr(two_view, "match_features", lambda first, second: seen.pop(0))
+        pairs = [(u[0, :half], u[1, :half]), (u[0, half - 20 :], u[2, half - 20 :])]
+        seen = [FeatureMatches(*pair, np.ones(len(pair[0]))) for pair in pairs]
+        monkeypatch.setattr(related_views, "match_features", lambda first, second: seen.pop(0))
         estimate = TwoViewCameras().estimate(room_session(rig), frames)
         assert (estimate.rig, estimate.matches, estimate.status) == (None, (), CameraStatus.NO_COMMON_SCALE)
         assert "left, right and third: 20 matches go through all three, 30 are needed" in estimate.notes[-1]

@@ -5,10 +5,12 @@ import pytest
 import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.signal import fftconvolve
+from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement, make_tracks
-from vfm_sdm.core.statuses import ClockStatus
+from vfm_sdm.core.statuses import ClockStatus, ClockUse
 from vfm_sdm.errors import DatasetError
+from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.stages.synchronize import (
     LagSearch,
     Samples,
@@ -19,6 +21,7 @@ from vfm_sdm.stages.synchronize import (
     estimate_view_lag,
     synchronize_views,
 )
+from vfm_sdm.stages.synchronize.channels import compare_points
 
 
 def moving_tracks(time_s, *, shift_s=0.0, points=("p",), status=None):
@@ -326,6 +329,165 @@ def test_start_offsets_have_the_sign_of_align_views():
     views = {"left": as_tracks(clock_a, a), "right": as_tracks(clock_b, b)}
     assert synchronize_views(views, start_offsets_s={"right": 3.0}, search_s=0.5)["right"].ok
     assert not synchronize_views(views, start_offsets_s={"right": -3.0}, search_s=0.5)["right"].ok
+
+
+# Points that are lost, have gaps, lie on edges or move otherwise.
+
+
+def point_views(seed=5, *, lag_s=-0.137, points=6, duration_s=8.5):
+    """What two cameras see of points that move alike: names, and tracks by view at 30 frames a second."""
+    rng = np.random.default_rng(seed)
+    views = two_views(rng, lag_s=lag_s, rates=(30, 30), duration_s=duration_s, amplitude_px=2.5, points=points)
+    names = tuple("abcdefgh"[:points])
+    return names, {"left": as_tracks(*views[:2], names), "right": as_tracks(*views[2:], names)}
+
+
+def lose(tracks, point, part=slice(None)):
+    where = {"time": part, "point": list(tracks["point"].values).index(point)}
+    tracks["status"][where], tracks["position"][where] = Status.LOST, np.nan
+
+
+def test_lost_points_do_not_stop_the_others():
+    _, views = point_views()
+    # Of six points, four are lost in one of the views or both; two common seconds are too few to count.
+    lose(views["left"], "a", slice(13, None))
+    lose(views["right"], "b")
+    lose(views["left"], "c", slice(150, None))
+    lose(views["right"], "c", slice(None, 120))
+    lose(views["left"], "d")
+    lose(views["right"], "d")
+    found = synchronize_views(views)["right"]
+    assert found.lag_s == pytest.approx(-0.137, abs=1e-3)
+    expected = [ClockUse.TOO_FEW] * 4 + [ClockUse.USED] * 2
+    assert list(found.uses) == expected
+    pair = estimate_view_lag(views["left"], views["right"], points=["e", "f"])
+    assert (found.lag_s, found.lag_std_s) == (pair.lag_s, pair.lag_std_s)
+
+
+def test_all_lost_is_too_short():
+    names, views = point_views(points=2)
+    for name in names:
+        lose(views["left"], name, slice(45, None))
+    found = synchronize_views(views)["right"]
+    assert found.status == ClockStatus.TOO_SHORT
+    assert set(found.uses) == {ClockUse.TOO_FEW}
+
+
+def test_points_count_where_they_have_samples():
+    """Each is lost for about two seconds in either view, at different times; nothing is filled in."""
+    errors, ratios, uses = [], [], []
+    for seed in range(20):
+        names, views = point_views(seed, points=4)
+        for number, name in enumerate(names):
+            lose(views["left"], name, slice(20 * number, 20 * number + 60))
+            lose(views["right"], name, slice(40 + 30 * number, 90 + 30 * number))
+        found = synchronize_views(views)["right"]
+        uses += found.uses
+        if found.ok:
+            errors.append(found.lag_s + 0.137)
+            ratios.append(errors[-1] / found.lag_std_s)
+    assert len(errors) >= 17
+    # In some films the structure hardly moves while both views see a point.
+    assert uses.count(ClockUse.USED) >= 0.9 * len(uses)
+    assert np.sqrt(np.mean(np.square(errors))) < 1e-3
+    assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
+def test_a_lag_that_no_point_has_samples_for_is_not_ruled_out():
+    """All points are seen in the first half of one film and in the second of the other: only far lags can be seen."""
+    for seed in range(5):
+        names, views = point_views(seed)
+        for name in names:
+            lose(views["left"], name, slice(128, None))
+            lose(views["right"], name, slice(None, 128))
+        assert synchronize_views(views, search_s=8.0)["right"].status == ClockStatus.TOO_SHORT
+
+
+def test_a_point_that_moves_otherwise_is_left_out_and_named():
+    _, views = point_views(points=4)
+    right = views["right"]
+    # The second camera follows something that does the same 0.4 s later, ten times as much.
+    late = np.roll(right["position"].values[:, 0], 12, axis=0)
+    right["position"][:, 0] = late.mean(axis=0) + 10 * (late - late.mean(axis=0))
+    found = synchronize_views(views)["right"]
+    assert found.lag_s == pytest.approx(-0.137, abs=1e-3)
+    assert list(found.uses) == [ClockUse.DISAGREES] + [ClockUse.USED] * 3
+
+
+def test_points_that_see_noise_or_stand_still_do_not_blur_the_peak():
+    _, views = point_views(points=8)
+    rng = np.random.default_rng(3)
+    for tracks in views.values():
+        tracks["position"][:, 2:] = 300 + 0.3 * rng.normal(size=(tracks.sizes["time"], 6, 2))
+    found = synchronize_views(views)["right"]
+    assert found.lag_s == pytest.approx(-0.137, abs=1e-3)
+    assert list(found.uses[:2]) == [ClockUse.USED] * 2
+    assert set(found.uses[2:]) == {ClockUse.NO_MOTION}
+
+
+def test_two_points_that_contradict_each_other_give_no_lag():
+    _, views = point_views(points=2)
+    views["right"]["position"][:, 0] = np.roll(views["right"]["position"].values[:, 0], 12, axis=0)
+    found = synchronize_views(views)["right"]
+    assert found.status == ClockStatus.NOT_UNIQUE
+    apart = np.abs(np.array(found.candidates)[:, None] - [-0.137, 0.263])
+    assert apart.min(axis=0).max() < 2e-3
+
+
+def test_many_periodic_points_have_no_unique_lag_either():
+    rng = np.random.default_rng(0)
+    parts = [sines(rng) for _ in range(4)]
+    a, b = (np.hstack([part[side] for part in parts]) for side in (1, 3))
+    names = tuple("pqrs")
+    views = {"left": as_tracks(parts[0][0], a, names), "right": as_tracks(parts[0][0], b, names)}
+    assert synchronize_views(views)["right"].status == ClockStatus.NOT_UNIQUE
+
+
+def test_an_edge_counts_by_the_motion_across_it():
+    names, views = point_views(points=2)
+    free = synchronize_views(views)["right"]
+    across = {"left": np.array([0.2, 0.98]), "right": np.array([-0.1, -0.99])}
+    for view, tracks in views.items():
+        direction = across[view] / np.linalg.norm(across[view])
+        position = tracks["position"].values
+        rest = position.mean(axis=0)
+        tracks["position"][:] = rest + ((position - rest) @ direction)[..., None] * direction
+        along = np.array([-direction[1], direction[0]])
+        tracks["position_covariance"][:] = 1e-3 * np.outer(direction, direction) + 1e6 * np.outer(along, along)
+    found = synchronize_views(views)["right"]
+    assert found.lag_s == pytest.approx(-0.137, abs=2e-3)
+    assert found.lag_std_s < 5 * free.lag_std_s
+    values, _, groups = compare_points(views["left"], views["right"], names, None)
+    assert groups == [((0,), (0,)), ((1,), (1,))]
+    assert np.ptp(values[:, 0]) == pytest.approx(np.ptp(position_across(views["left"], across["left"])), rel=1e-6)
+
+
+def position_across(tracks, direction):
+    return tracks["position"].values[:, 0] @ (direction / np.linalg.norm(direction))
+
+
+def test_known_cameras_compare_what_both_see_alike():
+    """Motion along the structure, a quarter period behind the lateral one, looks different in the two cameras."""
+    K = np.array([[3000.0, 0, 640], [0, 3000, 360], [0, 0, 1]])
+    turned = Rotation.from_euler("y", 25, degrees=True).as_matrix()
+    right = Camera(K, (1280, 720), cam_from_world=np.column_stack([turned, -turned @ [6.0, 0.3, 3.0]]))
+    rig = Rig(("left", "right"), (Camera(K, (1280, 720)), right), metric=True)
+    rng, clock = np.random.default_rng(1), np.arange(255) / 30
+    fast = CubicSpline(np.arange(-60, 400) / 30, np.cumsum(rng.normal(size=460)) * 2e-4)
+    places = np.array([[0.5, 0.2, 20.0], [1.5, -0.4, 22.0], [2.5, 0.5, 24.0]])
+
+    def seen(camera, time_s):
+        wave = 2 * np.pi * 2.1 * time_s
+        motion = np.column_stack([0.02 * np.cos(wave), 0.002 * np.cos(wave) + fast(time_s), 0.06 * np.sin(wave)])
+        pixels = np.stack([camera.project(motion + place) for place in places], axis=1)
+        return as_tracks(clock, pixels + 0.02 * rng.normal(size=pixels.shape), ("a", "b", "c"))
+
+    left, late = seen(rig.cameras[0], clock), seen(rig.cameras[1], clock + 0.137)
+    known = estimate_view_lag(left, late, rig=rig)
+    assert known.lag_s == pytest.approx(-0.137, abs=max(1e-3, 3 * known.lag_std_s))
+    assert known.lag_std_s < 1e-3
+    blind = estimate_view_lag(left, late)
+    assert not blind.ok or abs(blind.lag_s + 0.137) > 3 * abs(known.lag_s + 0.137)
 
 
 def vision_and_sensor(rng, lag_s):

@@ -1,0 +1,130 @@
+"""What the covariance of a point's position says about the directions in which it is measured."""
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray
+
+__all__ = ["edges_across", "find_edges", "judged_std", "largest_std", "measured_variance"]
+
+
+def largest_std(covariance: FloatArray) -> FloatArray:
+    """Standard deviation in the worst direction.
+
+    Parameters
+    ----------
+    covariance
+        Covariances, shape (..., 2, 2) [px2].
+
+    Returns
+    -------
+    std
+        Shape (...) [px].
+
+    Examples
+    --------
+    >>> largest_std(np.diag([0.01, 0.04])).item()
+    0.2
+    """
+    xx, yy, xy = covariance[..., 0, 0], covariance[..., 1, 1], covariance[..., 0, 1]
+    return np.asarray(np.sqrt((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)))
+
+
+def judged_std(covariance: FloatArray, across: FloatArray) -> FloatArray:
+    """Standard deviation by which a point is judged: across an edge where it is one, else in the worst direction.
+
+    Parameters
+    ----------
+    covariance
+        Covariances of P points, shape (..., P, 2, 2) [px2].
+    across
+        Unit vectors across their edges, shape (P, 2) [1]; NaN for points that are none.
+
+    Returns
+    -------
+    std
+        Shape (..., P) [px].
+
+    Examples
+    --------
+    >>> post = np.diag([0.01, 1e6])
+    >>> judged_std(np.stack([post, post]), np.array([[1.0, 0.0], [np.nan, np.nan]])).tolist()
+    [0.1, 1000.0]
+    """
+    edge = np.isfinite(across).all(axis=-1)
+    if not edge.any():
+        return largest_std(covariance)
+    variance = np.einsum("pi,...pij,pj->...p", across, covariance, across)
+    return np.where(edge, np.sqrt(np.maximum(variance, 0.0)), largest_std(covariance))
+
+
+def measured_variance(covariance: FloatArray, across: FloatArray) -> FloatArray:
+    """Variance of all that is measured: across an edge where a point is one, else of u and v together.
+
+    Parameters
+    ----------
+    covariance
+        Covariances of P points, shape (..., P, 2, 2) [px2].
+    across
+        Unit vectors across their edges, shape (P, 2) [1]; NaN for points that are none.
+
+    Returns
+    -------
+    variance
+        Shape (..., P) [px2].
+
+    Examples
+    --------
+    >>> post = np.diag([0.01, 1e6])
+    >>> measured_variance(np.stack([post, 0.01 * np.eye(2)]), np.array([[1.0, 0.0], [np.nan, np.nan]])).tolist()
+    [0.01, 0.02]
+    """
+    both = np.einsum("...pii->...p", covariance)
+    edge = np.isfinite(across).all(axis=-1)
+    return np.where(edge, judged_std(covariance, across) ** 2, both) if edge.any() else np.asarray(both)
+
+
+def edges_across(tracks: xr.Dataset) -> FloatArray:
+    """Unit vectors across the edges among the points of tracks [1]; NaN for points that are none.
+
+    Parameters
+    ----------
+    tracks
+        Tracks of one view, shape (T, P, 2) [px], or with a dim ``view``, or of one point without a dim ``point``.
+
+    Returns
+    -------
+    across
+        Shape (P, 2), with a dim ``view`` (V, P, 2); without the P for tracks of one point.
+
+    Examples
+    --------
+    >>> edges_across(xr.Dataset(coords={"point": ["mid"]})).tolist()
+    [[nan, nan]]
+    """
+    lead = [dim for dim in ("view", "point") if dim in tracks.sizes]
+    if "edge_across" in tracks:
+        return np.asarray(tracks["edge_across"].transpose(*lead, "pixel").values, np.float64)
+    return np.full((*(tracks.sizes[dim] for dim in lead), 2), np.nan)
+
+
+def find_edges(tracks: xr.Dataset) -> BoolArray:
+    """Which points of tracks are measured across an edge only, in at least one view.
+
+    Parameters
+    ----------
+    tracks
+        Tracks, shape (T, P, 2) [px], or with a dim ``view``.
+
+    Returns
+    -------
+    edge
+        Shape (P,).
+
+    Examples
+    --------
+    >>> find_edges(xr.Dataset(coords={"point": ["mid"]})).tolist()
+    [False]
+    """
+    edge = np.asarray(np.isfinite(edges_across(tracks)).all(axis=-1))
+    return np.asarray(edge.any(axis=0) if "view" in tracks.sizes else edge)

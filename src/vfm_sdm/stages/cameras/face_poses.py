@@ -1,0 +1,321 @@
+"""Poses of a second camera that the structure's face proposes: every match on it votes.
+
+Two narrow views of a structure hardly fix their relative pose, and what repeats along the structure agrees with many
+epipolar geometries. The site knows more: where the face lies in the first camera's frame, and how far the second camera
+stands. A single match on the face then leaves one number open, the direction of the baseline on the ground.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
+from vfm_sdm.geometry.camera import Camera
+from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
+from vfm_sdm.inputs.session import Readings, Site
+from vfm_sdm.stages.cameras.relative_pose import count_places
+from vfm_sdm.stages.matching.matches import Matches
+
+__all__ = ["Face", "PoseOnFace", "propose_poses"]
+
+_DIRECTIONS = 72
+"""Directions of the baseline that are tried, 5 degrees apart: a turn by half of that moves a point on the face by less
+than the tolerance, once the camera is turned back to the match."""
+_VOTERS = 160
+"""Matches that propose a pose each; all matches vote."""
+_TOLERANCE = 5e-3
+"""Tolerance of a vote across the epipolar line, over the image's longer side: what level and height of a camera set up
+by eye leave."""
+_FINE = 2e-3
+"""The same once level and height are fitted."""
+_LEVEL_STD = np.radians(1.5)
+_HEIGHT_STD_M = 0.5
+"""Roll and height of the second camera where nobody read them: tripods that are levelled by eye, on one ground."""
+_STEEPEST = np.radians(60)
+_SAME_POSE = np.radians(3)
+_PROPOSALS = 3
+_FITS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """The structure's face in the first camera's frame, as measured on site.
+
+    Parameters
+    ----------
+    axes
+        Rotation from the first camera to the structure's axes, shape (3, 3); its first row is normal to the face.
+    distance_m
+        Distance of the face from the first camera [m].
+    std_m
+        Standard deviation of the distance of what lies on it [m].
+    """
+
+    axes: FloatArray
+    distance_m: float
+    std_m: float
+
+    @classmethod
+    def of(cls, site: Site) -> "Face | None":
+        """The face from the distances and the level of the reference camera; ``None`` without the distances."""
+        across, along, level = site.perpendicular_distance, site.longitudinal_distance, site.reference_camera_level
+        if across is None or along is None:
+            return None
+        pitch, roll = (0.0, 0.0) if level is None else np.radians([level.pitch, level.roll])
+        angle = compute_view_angle(across.value, along.value)
+        axes = structure_from_cam1(angle, pitch_rad=pitch, roll_rad=roll, side=site.structure_side)
+        return cls(axes, across.value, float(np.hypot(across.std, site.face_offset_std)))
+
+    def points(self, camera: Camera, pixels: FloatArray, beyond_m: float = 0.0) -> FloatArray:
+        """Points on the face that the first camera sees, along the structure's axes.
+
+        Parameters
+        ----------
+        camera
+            Intrinsics and distortion of the first camera.
+        pixels
+            Pixels, shape (N, 2) [px].
+        beyond_m
+            How far behind the face [m].
+
+        Returns
+        -------
+        points3d
+            Points, shape (N, 3) [m]; NaN where the ray does not meet the face.
+        """
+        rays = np.column_stack([camera.normalize(pixels), np.ones(len(pixels))]) @ self.axes.T
+        depth = np.where(rays[:, 0] > 1e-3, (self.distance_m + beyond_m) / np.maximum(rays[:, 0], 1e-3), np.nan)
+        return np.asarray(rays * depth[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class PoseOnFace:
+    """A pose of the second camera and the matches on the face that agree.
+
+    Parameters
+    ----------
+    camera
+        The second camera with its pose in the first camera's frame [m].
+    matches
+        Matches that agree, all of them on the face.
+    support
+        Number of places in the images where they lie.
+    """
+
+    camera: Camera
+    matches: Matches
+    support: int
+
+
+def propose_poses(
+    matches: Matches, cameras: tuple[Camera, Camera], face: Face, baseline_m: float, readings: Readings
+) -> list[PoseOnFace]:
+    """Poses of the second camera, those that most matches on the face agree with first.
+
+    Parameters
+    ----------
+    matches
+        N matches of the two views, right and wrong ones [px].
+    cameras
+        Intrinsics and distortion of the two cameras.
+    face
+        The structure's face in the first camera's frame.
+    baseline_m
+        Distance of the two cameras [m].
+    readings
+        What was read at the second camera.
+
+    Returns
+    -------
+    proposals
+        At most three poses that differ by more than three degrees; none where no match meets the face.
+
+    Notes
+    -----
+    For each of 72 directions of the baseline on the ground, every match proposes the yaw and pitch that project its
+    point on the face to its second pixel, and all matches vote whether theirs comes there too, within the depth of the
+    face and a tolerance. Places in the images are counted, not matches: features crowd where a pattern repeats. The
+    best are then fitted by least squares with height and roll of the second camera free.
+    """
+    ground = _Ground.of(matches, cameras, face)
+    if ground.usable.sum() < 4:
+        return []
+    voters = np.flatnonzero(ground.usable)
+    voters = voters[np.linspace(0, len(voters) - 1, min(len(voters), _VOTERS)).astype(int)]
+    tried, votes = [], []
+    for centre in _list_centres(face, baseline_m, readings):
+        poses = np.array(list(_turn_to(ground, centre, voters, readings)))
+        if poses.size:
+            votes.append(count_places(ground.agree(_rotations(poses), centre, _TOLERANCE), matches, cameras))
+            tried.append(np.column_stack([poses, np.tile(centre, (len(poses), 1))]))
+    if not tried:
+        return []
+    poses, support = np.concatenate(tried), np.concatenate(votes)
+    return _choose_proposals(ground, (poses, support), matches, (cameras[1], baseline_m, readings))
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """Matches as points on the face, seen by the second camera.
+
+    Parameters
+    ----------
+    near, far
+        Points on the face and a standard deviation behind it, shape (N, 3) [m], along the structure's axes.
+    rays
+        Rays of the second pixels in the second camera's frame, shape (N, 3) [1].
+    focal_px
+        Focal length of the second camera [px].
+    long_side_px
+        Longer side of its image [px].
+    """
+
+    near: FloatArray
+    far: FloatArray
+    rays: FloatArray
+    focal_px: float
+    long_side_px: int
+    face: Face
+
+    @classmethod
+    def of(cls, matches: Matches, cameras: tuple[Camera, Camera], face: Face) -> "_Ground":
+        first, second = cameras
+        rays = np.column_stack([second.normalize(matches.points_second), np.ones(len(matches))])
+        near, far = (face.points(first, matches.points_first, beyond) for beyond in (0.0, face.std_m))
+        return cls(near, far, rays, second.focal_px, max(second.image_size), face)
+
+    @property
+    def usable(self) -> BoolArray:
+        return np.asarray(np.isfinite(self.near).all(axis=1) & np.isfinite(self.rays).all(axis=1))
+
+    def errors(self, rotations: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Errors across and along the images of the lines of sight, and the length of a standard deviation along them.
+
+        ``rotations``, shape (K, 3, 3), lead from the camera to the structure's axes; the results have shape (K, N)
+        [px]; infinite behind the camera.
+        """
+        scale = self.focal_px
+        ahead = (self.near - centre) @ rotations
+        behind = (self.far - centre) @ rotations
+        with np.errstate(invalid="ignore", divide="ignore"):
+            place = np.where(ahead[..., 2:] > 0, ahead[..., :2] / ahead[..., 2:], np.inf)
+            shift = behind[..., :2] / behind[..., 2:] - place
+            length = np.linalg.norm(shift, axis=-1)
+            unit = shift / np.maximum(length, 1e-12)[..., None]
+            off = self.rays[:, :2] - place
+            along = (off * unit).sum(axis=-1)
+            across = off[..., 0] * unit[..., 1] - off[..., 1] * unit[..., 0]
+        known = np.isfinite(along) & np.isfinite(across)
+        return tuple(np.where(known, scale * value, np.inf) for value in (across, along, length))  # type: ignore[return-value]
+
+    def agree(self, rotations: FloatArray, centre: FloatArray, tolerance: float) -> BoolArray:
+        """Which matches come out where the second camera saw them, shape (K, N)."""
+        across, along, length = self.errors(rotations, centre)
+        limit = tolerance * self.long_side_px
+        return np.asarray((np.abs(across) < limit) & (np.abs(along) < np.hypot(limit, 2 * np.minimum(length, 1e6))))
+
+
+def _list_centres(face: Face, baseline_m: float, readings: Readings) -> Iterator[FloatArray]:
+    """Places of the second camera on a level circle about the first one, along the structure's axes [m]."""
+    right = face.axes @ np.array([1.0, 0.0, 0.0])
+    across = readings.perpendicular_distance
+    for angle in np.linspace(-np.pi, np.pi, _DIRECTIONS, endpoint=False):
+        centre = baseline_m * np.array([np.cos(angle), 0.0, np.sin(angle)])
+        nearest = 0.02 * face.distance_m
+        if centre[0] > face.distance_m - nearest:
+            continue
+        if readings.stands is not None and (centre @ right > 0) != (readings.stands == "right"):
+            continue
+        # A reading excludes what is farther off than it and the step to the next direction explain.
+        step = baseline_m * 2 * np.pi / _DIRECTIONS
+        if across is not None and abs(face.distance_m - centre[0] - across.value) > step + 3 * across.std:
+            continue
+        yield centre
+
+
+def _turn_to(ground: _Ground, centre: FloatArray, voters: IntArray, readings: Readings) -> Iterator[FloatArray]:
+    """Yaw, pitch and roll with which the second camera sees each voter's point where its match says, shape (3,)."""
+    roll = 0.0 if readings.level is None else np.radians(readings.level.roll)
+    cos, sin = np.cos(roll), np.sin(roll)
+    sight = ground.near[voters] - centre
+    sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
+    rays = ground.rays[voters] / np.linalg.norm(ground.rays[voters], axis=1, keepdims=True)
+    x, y, z = cos * rays[:, 0] - sin * rays[:, 1], sin * rays[:, 0] + cos * rays[:, 1], rays[:, 2]
+    reach = np.hypot(y, z)
+    pitch = np.arccos(np.clip(sight[:, 1] / reach, -1, 1)) - np.arctan2(z, y)
+    forward = y * np.sin(pitch) + z * np.cos(pitch)
+    flip = forward < 0
+    pitch = np.where(flip, -np.arccos(np.clip(sight[:, 1] / reach, -1, 1)) - np.arctan2(z, y), pitch)
+    forward = np.where(flip, y * np.sin(pitch) + z * np.cos(pitch), forward)
+    yaw = np.arctan2(sight[:, 0], sight[:, 2]) - np.arctan2(x, forward)
+    pitch = (pitch + np.pi) % (2 * np.pi) - np.pi
+    possible = (np.abs(sight[:, 1]) < reach) & (np.abs(pitch) < _STEEPEST)
+    if readings.level is not None:
+        slack = 3 * np.radians(readings.level.std_deg) + _TOLERANCE * ground.long_side_px / ground.focal_px
+        possible &= np.abs(pitch - np.radians(readings.level.pitch)) < slack
+    yield from np.column_stack([yaw, pitch, np.full(len(yaw), roll)])[possible]
+
+
+def _rotations(poses: FloatArray) -> FloatArray:
+    """Rotations from the camera to the structure's axes, of yaw, pitch and roll, shape (K, 3, 3)."""
+    return np.asarray(Rotation.from_euler("YXZ", np.atleast_2d(poses)[:, :3]).as_matrix())
+
+
+def _choose_proposals(
+    ground: "_Ground", voted: tuple[FloatArray, IntArray], matches: Matches, known: tuple[Camera, float, Readings]
+) -> list[PoseOnFace]:
+    """The poses with most votes that differ from each other once they are fitted."""
+    poses, support = voted
+    turns = Rotation.from_matrix(_rotations(poses))
+    left = np.ones(len(poses), dtype=np.bool_)
+    proposals: list[PoseOnFace] = []
+    fitted: list[Rotation] = []
+    for _ in range(_FITS):
+        if not left.any() or len(proposals) == _PROPOSALS:
+            break
+        start = int(np.where(left, support, -1).argmax())
+        proposal = _fit(ground, poses[start], matches, known)
+        turn = Rotation.from_matrix(ground.face.axes @ proposal.camera.rotation.T)
+        if all((turn * other.inv()).magnitude() > _SAME_POSE for other in fitted):
+            proposals.append(proposal)
+        fitted.append(turn)
+        # The neighbours of a start end where it ended.
+        for one in (turn, turns[start]):
+            left &= (turns * one.inv()).magnitude() > _SAME_POSE
+    return sorted(proposals, key=lambda one: -one.support)
+
+
+def _fit(ground: _Ground, pose: FloatArray, matches: Matches, known: tuple[Camera, float, Readings]) -> PoseOnFace:
+    """The pose fitted to the matches that agree with it, with roll, height and direction of the baseline free."""
+    camera, baseline_m, readings = known
+    level, std = (0.0, _LEVEL_STD)
+    if readings.level is not None:
+        level, std = np.radians([readings.level.roll, readings.level.std_deg])
+
+    def centre_of(p: FloatArray) -> FloatArray:
+        return np.array([baseline_m * np.cos(p[3]), p[4] * _HEIGHT_STD_M, baseline_m * np.sin(p[3])])
+
+    parameters = np.array([*pose[:3], np.arctan2(pose[5], pose[3]), 0.0])
+    for tolerance in (_TOLERANCE, _TOLERANCE, _FINE, _FINE):
+        chosen = ground.agree(_rotations(parameters), centre_of(parameters), tolerance)[0]
+        if chosen.sum() < 6:
+            break
+        part = replace(ground, near=ground.near[chosen], far=ground.far[chosen], rays=ground.rays[chosen])
+
+        def residuals(p: FloatArray, part: _Ground = part) -> FloatArray:
+            across, along, length = part.errors(_rotations(p), centre_of(p))
+            noise = _FINE / 3 * part.long_side_px
+            values = [across[0] / noise, along[0] / np.hypot(noise, length[0]), [(p[2] - level) / std, p[4]]]
+            return np.asarray(np.nan_to_num(np.concatenate(values), nan=1e3, posinf=1e3, neginf=-1e3))
+
+        parameters = least_squares(residuals, parameters, loss="soft_l1", x_scale=[0.01, 0.01, 0.01, 0.1, 1.0]).x
+    chosen = ground.agree(_rotations(parameters), centre_of(parameters), _FINE)[0]
+    rotation = _rotations(parameters)[0].T @ ground.face.axes
+    centre = ground.face.axes.T @ centre_of(parameters)
+    posed = replace(camera, cam_from_world=np.column_stack([rotation, -rotation @ centre]))
+    kept = replace(matches.chosen(chosen), on_face=np.ones(int(chosen.sum()), dtype=np.bool_))
+    support = count_places(chosen[None], matches, (camera, camera))[0]
+    return PoseOnFace(posed, kept, int(support))

@@ -1,0 +1,200 @@
+"""Several cameras that the images allow, weighed with everything measured on site.
+
+Seen through long lenses a scene is nearly affine: turning the further camera and stretching the depth change next to
+nothing in the pictures (the bas-relief ambiguity), and each solution has a mirror image whose baseline points the other
+way (Necker's ambiguity) [1]_. All of them are adjusted; what the site cannot tell apart is in the uncertainty.
+
+References
+----------
+.. [1] Koenderink, J. J., van Doorn, A. J. (1991). Affine structure from motion. Journal of the Optical Society of
+   America A 8(2), 377-385.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.statuses import CameraStatus
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.structure_frame import StructureFrame
+from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
+from vfm_sdm.inputs.session import Session
+from vfm_sdm.stages.cameras.base import Hypothesis
+from vfm_sdm.stages.cameras.site import SiteAdjustment, compare_rigs
+
+__all__ = ["Weighed", "weigh_hypotheses"]
+
+Adjust = Callable[[Hypothesis], SiteAdjustment]
+
+_NARROW_RAD = np.radians(25)
+"""Field of view below which a scene is taken for nearly affine."""
+_TURNS = np.radians([-60.0, -25.0, 25.0, 60.0, 180.0])
+"""Directions of the baseline from which the adjustment starts again, from the first solution's."""
+_RIVAL_COST = 9.0
+"""Cost above the least one up to which a solution is a rival: three standard deviations of one free direction."""
+_SAME_RAD = np.radians(0.5)
+_CONTRADICTED = 4.0
+"""A reading this many standard deviations off excludes a solution where another one has none such."""
+_READINGS = {"perpendicular distance": (0.02, "m"), "longitudinal distance": (0.05, "m"), "pitch": (0.2, "deg")}
+"""Readings that may tell solutions apart, with their usual standard deviations: laser distance meter, spirit level."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """The solution that agrees best, with the spread of those that are left beside it.
+
+    Parameters
+    ----------
+    hypothesis
+        Cameras before the adjustment, with the matches that agree with them.
+    adjusted
+        Their adjustment, with the spread of the rivals in its covariance.
+    rivals
+        Adjustments of the others that cannot be excluded.
+    """
+
+    hypothesis: Hypothesis
+    adjusted: SiteAdjustment
+    rivals: tuple[SiteAdjustment, ...]
+
+    def widened(self, adjusted: SiteAdjustment) -> SiteAdjustment:
+        """A later adjustment of the same cameras with the spread of the rivals.
+
+        Parameters
+        ----------
+        adjusted
+            Adjustment to more than `adjusted` was.
+        """
+        return _spread(adjusted, self.rivals)
+
+
+def weigh_hypotheses(session: Session, hypotheses: Sequence[Hypothesis], adjust: Adjust) -> Weighed:
+    """The cameras that agree best with everything measured on site, of all that the images allow.
+
+    Parameters
+    ----------
+    session
+        Measurement session.
+    hypotheses
+        Cameras with their matches, the most probable first.
+    adjust
+        Adjustment of cameras to the site.
+    """
+    solved = [(one, adjust(one)) for one in hypotheses]
+    if _is_nearly_affine(hypotheses[0]):
+        solved += [(one, adjust(one)) for one in _other_starts(hypotheses[0])]
+    solved = [(one, found) for one, found in solved if _fits(session, found)] or solved[:1]
+    if len(hypotheses) == 1:
+        solved.sort(key=lambda pair: pair[1].cost)
+    best, adjusted = solved[0]
+    rivals: list[SiteAdjustment] = []
+    for one, found in solved[1:]:
+        # Costs compare where the matches are the same.
+        worse = one.matches is best.matches and found.cost - adjusted.cost > _RIVAL_COST
+        if not worse and all(_turn(found, other) > _SAME_RAD for other in (adjusted, *rivals)):
+            rivals.append(found)
+    return Weighed(best, _spread(adjusted, rivals), tuple(rivals))
+
+
+def _is_nearly_affine(one: Hypothesis) -> bool:
+    """Whether two narrow views are related by their matches alone, which the face does not place."""
+    if len(one.rig) != 2 or not one.matches or any(m.on_face.any() for m in one.matches):
+        return False
+    covariance = one.rig.covariance
+    if covariance is None or not np.diag(covariance)[-6:].all():
+        return False
+    return all(2 * np.arctan(max(c.image_size) / 2 / c.focal_px) < _NARROW_RAD for c in one.rig.cameras)
+
+
+def _other_starts(one: Hypothesis) -> Iterator[Hypothesis]:
+    """The same matches with the second camera elsewhere on its circle, turned so as to look at the same place."""
+    first, second = one.rig.cameras
+    m = one.matches[0]
+    points3d = triangulate(np.stack([m.points_first, m.points_second]), one.rig)
+    ahead = in_front_of_all(points3d, one.rig)
+    if not ahead.any():
+        return
+    middle = np.median(points3d[ahead], axis=0)
+    for angle in _TURNS:
+        centre = Rotation.from_rotvec([0.0, angle, 0.0]).apply(second.center)
+        sight = [second.rotation @ _unit(middle - c) for c in (second.center, centre)]
+        turn, _ = Rotation.align_vectors(sight[0][None], sight[1][None])
+        rotation = turn.as_matrix() @ second.rotation
+        moved = replace(second, cam_from_world=np.column_stack([rotation, -rotation @ centre]))
+        rig = Rig(one.rig.names, (first, moved), one.rig.metric, one.rig.covariance)
+        yield Hypothesis(rig, one.matches)
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _fits(session: Session, found: SiteAdjustment) -> bool:
+    """Whether nothing that was measured or seen excludes a solution."""
+    if any(q.measured and q.deviation > _CONTRADICTED for q in found.quantities):
+        return False
+    for view in session.view[1:]:
+        aside = found.rig.camera(view.name).center[0]
+        if view.stands is not None and (aside > 0) != (view.stands == "right"):
+            return False
+    return True
+
+
+def _turn(one: SiteAdjustment, other: SiteAdjustment) -> float:
+    """Largest angle between the cameras of two solutions [rad]."""
+    pairs = zip(one.rig.cameras, other.rig.cameras, strict=True)
+    return float(max(Rotation.from_matrix(a.rotation @ b.rotation.T).magnitude() for a, b in pairs))
+
+
+def _spread(adjusted: SiteAdjustment, rivals: Sequence[SiteAdjustment]) -> SiteAdjustment:
+    """The adjustment with rivals in its covariance, as a mixture of normal distributions, and named."""
+    if not rivals or adjusted.rig.covariance is None:
+        return adjusted
+    least = min(one.cost for one in (adjusted, *rivals))
+    weights = np.exp(-np.minimum(np.array([one.cost - least for one in (adjusted, *rivals)]), _RIVAL_COST) / 2)
+    weights /= weights.sum()
+    covariance = weights[0] * adjusted.covariance
+    for weight, rival in zip(weights[1:], rivals, strict=True):
+        away = np.zeros(len(adjusted.covariance))
+        away[:-3] = compare_rigs(rival.rig, adjusted.rig)
+        if rival.frame is not None and adjusted.frame is not None:
+            away[-3:] = Rotation.from_matrix(rival.frame.rotation @ adjusted.frame.rotation.T).as_rotvec()
+        covariance = covariance + weight * (rival.covariance + np.outer(away, away))
+    count = len(covariance) - 3
+    frame = adjusted.frame and StructureFrame(adjusted.frame.rotation, covariance[count:, count:])
+    rig = replace(adjusted.rig, covariance=covariance[:count, :count])
+    notes = (*adjusted.notes, *(_describe(adjusted, rival) for rival in rivals))
+    status = CameraStatus.SEVERAL if adjusted.status == CameraStatus.OK else adjusted.status
+    return replace(adjusted, rig=rig, frame=frame, covariance=covariance, status=status, notes=notes)
+
+
+def _describe(adjusted: SiteAdjustment, rival: SiteAdjustment) -> str:
+    """A sentence on another solution, and on the reading that would decide."""
+    turn = np.degrees(_turn(adjusted, rival))
+    clearest, best = "", 0.0
+    for view in adjusted.rig.names[1:]:
+        for what, (std, unit) in _READINGS.items():
+            here, there = (_predict(one, view, what) for one in (adjusted, rival))
+            if np.isfinite(here) and np.isfinite(there) and abs(here - there) / std > best:
+                best = abs(here - there) / std
+                clearest = f"{what} of view {view!r} would decide: {here:.2f} or {there:.2f} {unit}"
+        sides = ["right" if one.rig.camera(view).center[0] > 0 else "left" for one in (adjusted, rival)]
+        if sides[0] != sides[1]:
+            clearest, best = f'stands of view {view!r} would decide: "{sides[0]}" or "{sides[1]}"', np.inf
+    return f"other cameras, turned by {turn:.1f} degrees, agree as well; {clearest or 'a range from the other camera'}"
+
+
+def _predict(one: SiteAdjustment, view: str, what: str) -> float:
+    """Value of a possible reading at a further camera; NaN where it has no meaning."""
+    camera = one.rig.camera(view)
+    if what == "pitch":
+        return float(np.degrees(np.arcsin(-camera.rotation[2, 1])))
+    across = {q.name: q.value for q in one.quantities}.get("perpendicular distance")
+    if one.frame is None or across is None:
+        return float("nan")
+    left = across - float(one.frame.rotation[0] @ camera.center)
+    ray = one.frame.rotation @ camera.rotation.T @ np.array([0.0, 0.0, 1.0])
+    return left if what == "perpendicular distance" else float(abs(left * ray[2] / ray[0]))

@@ -1,0 +1,144 @@
+"""What was measured on site beside what parameters of cameras and axes say of it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.geometry.structure_frame import structure_from_cam1
+from vfm_sdm.inputs.session import Level, Readings, Site
+
+__all__ = ["AdjustedValue", "SiteState", "list_measured"]
+
+
+@dataclass(frozen=True)
+class AdjustedValue:
+    """Value of a quantity at some parameters, with its prior or measured value.
+
+    Parameters
+    ----------
+    name, units
+        Name and unit of the quantity.
+    prior, prior_std
+        Prior or measured value and its standard deviation [units].
+    value
+        Value at the parameters [units].
+    measured
+        Whether the quantity is a reading on site; else it is a parameter with a prior.
+    """
+
+    name: str
+    units: str
+    prior: float
+    prior_std: float
+    value: float
+    measured: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class SiteState:
+    """Cameras, points and axes at some parameters.
+
+    Parameters
+    ----------
+    rig
+        Cameras; the reference camera is the origin.
+    points
+        Named points in the reference camera's frame, shape (3,) each [m].
+    pitch_rad, roll_rad
+        Inclination of the reference camera [rad].
+    perpendicular_m
+        Distance from the reference camera to the structure's face [m].
+    axes
+        Rotation from the reference camera to the structure's axes, shape (3, 3); ``None`` where they are not known.
+    """
+
+    rig: Rig
+    points: Mapping[str, FloatArray]
+    pitch_rad: float
+    roll_rad: float
+    perpendicular_m: float
+    axes: FloatArray | None
+
+
+def list_measured(state: SiteState, site: Site, readings: Mapping[str, Readings]) -> list[AdjustedValue]:
+    """Baseline, ranges, lengths and what was read at further cameras, beside the values at the parameters.
+
+    Parameters
+    ----------
+    state
+        Cameras, points and axes.
+    site
+        What was measured on site.
+    readings
+        What was read at cameras other than the reference camera, by view.
+
+    Returns
+    -------
+    values
+        One for each reading [m, deg].
+
+    Examples
+    --------
+    >>> from vfm_sdm.inputs.session import Measured
+    >>> first = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> second = first.perturbed([0, 0, 0, 0, 0, 0, 0, -3.0, 0, 0])
+    >>> state = SiteState(Rig(("left", "right"), (first, second), True), {}, 0.0, 0.0, 10.0, None)
+    >>> [baseline] = list_measured(state, Site(baseline=Measured(value=3.01, std=0.01)), {})
+    >>> baseline.name, round(baseline.value, 3)
+    ('baseline', 3.0)
+    """
+    rig, points, values = state.rig, state.points, []
+    if site.baseline is not None:
+        values.append(_in_metres("baseline", site.baseline.value, site.baseline.std, rig.baseline()))
+    for r in site.range:
+        view = r.view or rig.names[0]
+        distance = float(np.linalg.norm(points[r.point] - rig.camera(view).center))
+        values.append(_in_metres(f"range {view} to {r.point}", r.value, r.std, distance))
+    for s in site.length:
+        first, second = (points[name] for name in s.points)
+        name = f"length {s.points[0]} to {s.points[1]}"
+        values.append(_in_metres(name, s.value, s.std, float(np.linalg.norm(first - second))))
+    for view, read in readings.items():
+        if read.level is not None:
+            values += _list_level(view, read.level, state)
+        values += _list_distances(view, read, state)
+    return values
+
+
+def _in_metres(name: str, measured: float, std: float, value: float) -> AdjustedValue:
+    return AdjustedValue(name, "m", measured, std, value, True)
+
+
+def _list_level(view: str, level: Level, state: SiteState) -> Iterator[AdjustedValue]:
+    """Pitch and roll of a further camera."""
+    level_from_cam1 = structure_from_cam1(0.0, pitch_rad=state.pitch_rad, roll_rad=state.roll_rad)
+    axes = level_from_cam1 @ state.rig.camera(view).rotation.T
+    pitch, roll = np.degrees([-np.arcsin(axes[1, 2]), np.arctan2(axes[1, 0], axes[1, 1])])
+    for name, read, value in (("pitch", level.pitch, pitch), ("roll", level.roll, roll)):
+        yield AdjustedValue(f"{name} {view}", "deg", read, level.std_deg, float(value), True)
+
+
+def _list_distances(view: str, read: Readings, state: SiteState) -> Iterator[AdjustedValue]:
+    """Distances of a further camera to the face, and along it to what the centre of its picture shows."""
+    if state.axes is None:
+        return
+    camera = state.rig.camera(view)
+    across = state.perpendicular_m - float(state.axes[0] @ camera.center)
+    if (reading := read.perpendicular_distance) is not None:
+        yield _in_metres(f"perpendicular distance {view}", reading.value, reading.std, across)
+    if (reading := read.longitudinal_distance) is not None:
+        along = across * _centre_slope(camera, state)
+        yield _in_metres(f"longitudinal distance {view}", reading.value, reading.std, along)
+
+
+def _centre_slope(camera: Camera, state: SiteState) -> float:
+    """Way along the structure over the way across it, of the ray through the centre of a picture [1]."""
+    axes = np.eye(3) if state.axes is None else state.axes
+    centre = (np.array(camera.image_size) - 1) / 2
+    ray = axes @ camera.rotation.T @ np.append(camera.normalize(centre), 1.0)
+    forward = axes @ state.rig.cameras[0].rotation.T @ np.array([0.0, 0.0, 1.0])
+    # The longitudinal axis points away from the reference camera or, with the structure on its left, towards it.
+    return float(np.copysign(1.0, forward[2]) * ray[2] / ray[0])

@@ -1,0 +1,236 @@
+"""Where points are expected in a second view, from the cameras and the structure's face, with what is uncertain in it.
+
+What all points share (cameras, face) and what each has of its own (how far it lies off the face) are kept apart: one
+point that is found tells where the others are.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
+from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
+from vfm_sdm.inputs.session import Site
+from vfm_sdm.stages.matching.starts import TILTS
+
+__all__ = ["Expected", "Face", "expect_anywhere", "expect_on_face", "know_face"]
+
+_MODEL_STD_PX = 1.0
+"""What lens model and affine maps leave out, for each point by itself [px]."""
+_UNKNOWN_STD = 0.01
+"""Standard deviation of pixels that a rig without covariance predicts, as a share of the image width: 1 % stands for
+some mrad of rotation at the fields of view in use."""
+_LEVEL_STD_DEG = 1.0
+"""Standard deviation of pitch and roll without a level reading [deg]: a tripod head set by eye."""
+_MIDDLE_DEPTH = 6.0
+"""Depth, in baselines, for which small planes are mapped where nothing else is known: angles of some ten degrees."""
+_DEPTHS = 0.7, 2.0
+"""Depths of a point that need not lie on the face, over the depth of the face on its viewing ray."""
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """The structure's face: a vertical plane across the lateral axis, in the rig's world frame and unit of length.
+
+    Parameters
+    ----------
+    frame
+        The structure's axes with their covariance.
+    distance
+        From the world's origin along the lateral axis.
+    distance_std
+        Standard deviation of that, common to all points.
+    offset_std
+        Standard deviation of how far each point lies off it.
+    """
+
+    frame: StructureFrame
+    distance: float
+    distance_std: float
+    offset_std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """Gaussian expectation of P points in a second view, before anything was looked for.
+
+    Parameters
+    ----------
+    position
+        Expected pixels, shape (P, 2) [px].
+    shared
+        Their change with K shared quantities of unit variance, shape (P, 2, K) [px].
+    own
+        Covariance of what each point has of its own, shape (P, 2, 2) [px2].
+    maps
+        Maps of offsets around each point to offsets in the second view, shape (W, 2, 2) each [1].
+    """
+
+    position: FloatArray
+    shared: FloatArray
+    own: FloatArray
+    maps: tuple[FloatArray, ...]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of all positions together, shape (2 P, 2 P) [px2]."""
+        rows = self.shared.reshape(-1, self.shared.shape[2])
+        return np.asarray(rows @ rows.T + block_diag(*self.own))
+
+
+def know_face(site: Site, rig: Rig, frame: StructureFrame | None = None) -> tuple[Rig, Face | None]:
+    """The structure's face as measured on site, and the rig in metres; without a face where it was not measured.
+
+    Parameters
+    ----------
+    site
+        What was measured.
+    rig
+        Cameras; where they have no scale, the measured baseline gives it.
+    frame
+        The structure's axes, where they are known better than from the distances and the level alone.
+    """
+    distance, along = site.perpendicular_distance, site.longitudinal_distance
+    if distance is None or along is None:
+        return rig, None
+    distance_std = distance.std
+    if not rig.metric:
+        if site.baseline is None or not rig.baseline() > 0:
+            return rig, None
+        rig = rig.scaled(site.baseline.value / rig.baseline())
+        distance_std = float(np.hypot(distance_std, distance.value * site.baseline.std / site.baseline.value))
+    if frame is None:
+        level = site.reference_camera_level
+        pitch, roll, std = (0.0, 0.0, _LEVEL_STD_DEG) if level is None else (level.pitch, level.roll, level.std_deg)
+        angle = compute_view_angle(distance.value, along.value)
+        rotation = structure_from_cam1(
+            angle, pitch_rad=np.radians(pitch), roll_rad=np.radians(roll), side=site.structure_side
+        )
+        turn = np.hypot(along.value * distance.std, distance.value * along.std) / (distance.value**2 + along.value**2)
+        frame = StructureFrame(rotation, np.diag(np.square([np.radians(std), turn, np.radians(std)])))
+    return rig, Face(frame, distance.value, distance_std, site.face_offset_std)
+
+
+def expect_anywhere(points2d: FloatArray, rig: Rig, views: tuple[int, int]) -> Expected:
+    """Maps of offsets around points of which nothing but the cameras is known; they are expected nowhere.
+
+    Parameters
+    ----------
+    points2d
+        Pixels in the first view, shape (P, 2) [px].
+    rig
+        Cameras; the scale does not matter.
+    views
+        Indices of the two views in the rig.
+    """
+    first, second = (rig.cameras[v] for v in views)
+    count, depth = len(points2d), _MIDDLE_DEPTH * rig.baseline(*views)
+    maps = []
+    for point in points2d:
+        place = (np.append(first.normalize(point), 1.0) * depth - first.translation) @ first.rotation
+        normals = TILTS @ first.rotation
+        made = [_map_of_plane(point, first, second, normal, normal @ place) for normal in normals]
+        maps.append(np.stack([one for one in made if np.isfinite(one).all()] or [np.eye(2)]))
+    nowhere = np.tile(np.nan * np.eye(2), (count, 1, 1))
+    return Expected(np.full((count, 2), np.nan), np.zeros((count, 2, 0)), nowhere, tuple(maps))
+
+
+def expect_on_face(
+    points2d: FloatArray, rig: Rig, views: tuple[int, int], face: Face, *, on_face: BoolArray
+) -> Expected:
+    """Where points of one view are expected in another.
+
+    Parameters
+    ----------
+    points2d
+        Pixels in the first view, shape (P, 2) [px].
+    rig
+        Cameras; without a covariance the expectation is wide in every direction.
+    views
+        Indices of the two views in the rig.
+    face
+        The structure's face.
+    on_face
+        Which points lie on it, shape (P,); the others lie anywhere near it on their viewing rays.
+
+    Notes
+    -----
+    The derivatives are differences over the standard deviations of the parameters themselves, so that they hold over
+    the range that matters.
+    """
+    first, second = (rig.cameras[v] for v in views)
+    depth = face.distance * np.ones(len(points2d))
+    position = _through_plane(points2d, first, second, face.frame.rotation[0], depth)
+    shared = _shared_changes(points2d, rig, views, face)
+    along = [
+        (_through_plane(points2d, first, second, face.frame.rotation[0], depth + sign * face.offset_std))
+        for sign in (-1, 1)
+    ]
+    half = np.where(on_face[:, None], (along[1] - along[0]) / 2, 0.0)
+    for number in np.flatnonzero(~on_face):
+        position[number], half[number] = _line_part(points2d[number], first, second, face)
+    own = np.einsum("pi,pj->pij", half, half) + _MODEL_STD_PX**2 * np.eye(2)
+    maps = tuple(
+        _plane_maps(point, first, second, face, normals=1 if flat else 2)
+        for point, flat in zip(points2d, on_face, strict=True)
+    )
+    return Expected(position, shared, own, maps)
+
+
+def _through_plane(
+    points2d: FloatArray, first: Camera, second: Camera, normal: FloatArray, distance: FloatArray
+) -> FloatArray:
+    """Pixels (P, 2) in the second view of what the first sees on planes ``normal . X = distance``."""
+    rays = np.concatenate([first.normalize(points2d), np.ones((len(points2d), 1))], axis=1) @ first.rotation
+    reach = (distance - normal @ first.center) / (rays @ normal)
+    ahead = np.where(reach > 0, reach, np.nan)
+    return second.project(first.center + ahead[:, None] * rays)
+
+
+def _shared_changes(points2d: FloatArray, rig: Rig, views: tuple[int, int], face: Face) -> FloatArray:
+    """Change of the expected pixels with every shared quantity of unit variance, (P, 2, K) [px]."""
+    size = len(CAMERA_PARAMETERS)
+    both = Rig(tuple(rig.names[v] for v in views), tuple(rig.cameras[v] for v in views))
+    places = np.concatenate([np.arange(size * v, size * (v + 1)) for v in views])
+    cameras = np.zeros((2 * size, 2 * size)) if rig.covariance is None else rig.covariance[np.ix_(places, places)]
+    covariance = block_diag(cameras, face.frame.covariance, [[face.distance_std**2]])
+    variances, vectors = np.linalg.eigh(covariance)
+    steps = [np.sqrt(v) * vector for v, vector in zip(variances, vectors.T, strict=True) if v > 0]
+
+    def moved(step: FloatArray) -> FloatArray:
+        one, other = both.perturbed(step[: 2 * size]).cameras
+        turned = Rotation.from_rotvec(step[2 * size : 2 * size + 3]).as_matrix() @ face.frame.rotation
+        return _through_plane(points2d, one, other, turned[0], np.full(len(points2d), face.distance + step[-1]))
+
+    changes = [(moved(step) - moved(-step)) / 2 for step in steps]
+    if rig.covariance is None:
+        spread = _UNKNOWN_STD * rig.cameras[views[1]].image_size[0]
+        changes += [np.tile(spread * axis, (len(points2d), 1)) for axis in np.eye(2)]
+    return np.stack(changes, axis=-1) if changes else np.zeros((len(points2d), 2, 0))
+
+
+def _line_part(point: FloatArray, first: Camera, second: Camera, face: Face) -> tuple[FloatArray, FloatArray]:
+    """Middle of the epipolar line (2,) between the depths in question, and half its length as a vector (2,) [px]."""
+    normal = face.frame.rotation[0]
+    ray = np.append(first.normalize(point), 1.0) @ first.rotation
+    reach = (face.distance - normal @ first.center) / (ray @ normal)
+    ends = second.project(first.center + reach * np.array(_DEPTHS)[:, None] * ray)
+    return ends.mean(axis=0), (ends[1] - ends[0]) / 2
+
+
+def _plane_maps(point: FloatArray, first: Camera, second: Camera, face: Face, *, normals: int) -> FloatArray:
+    """Maps of offsets through planes across the lateral axis and, where asked for, the longitudinal one, (W, 2, 2)."""
+    axes = face.frame.rotation[[0, 2][:normals]]
+    ray = np.append(first.normalize(point), 1.0) @ first.rotation
+    reach = (face.distance - face.frame.rotation[0] @ first.center) / (ray @ face.frame.rotation[0])
+    place = first.center + reach * ray
+    return np.stack([_map_of_plane(point, first, second, axis, axis @ place) for axis in axes])
+
+
+def _map_of_plane(point: FloatArray, first: Camera, second: Camera, normal: FloatArray, distance: float) -> FloatArray:
+    beside = point + np.concatenate([np.eye(2), -np.eye(2)])
+    seen = _through_plane(beside, first, second, normal, np.full(4, distance))
+    return np.asarray((seen[:2] - seen[2:]).T / 2)

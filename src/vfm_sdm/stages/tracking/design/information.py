@@ -1,0 +1,125 @@
+"""What the texture of a part of a window tells of its motion, and along which direction."""
+
+import cv2
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.stages.tracking.design.belief import DISTINCT_PX, SURE, Belief, is_distinct
+from vfm_sdm.stages.tracking.design.window import Image, Window, kept_noise, noise_of_gradients, soften
+
+__all__ = ["find_false_corners", "square_std", "std_around"]
+
+_RIM_PX = 3.0
+"""Width of the rim along what moves otherwise, in which two surfaces mix [px]: their blur, and the area that votes."""
+_NORMAL_PX = 2.0
+_CORE, _LEAST_CORE_PX = 2.0, 9.0
+"""Radius of the nearest surroundings in standard deviations of their weights, and at least [px]."""
+_UNKNOWN_PX = 10.0
+"""Standard deviation from which on a direction counts as unknown [px]."""
+
+
+def square_std(window: Window, belief: Belief, part: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Standard deviation of one frame's motion of a part of a window, in its best and its worst direction.
+
+    Parameters
+    ----------
+    window
+        The surroundings of a point.
+    belief
+        What moves with it.
+    part
+        The part, such as a square, shape (R, R).
+
+    Returns
+    -------
+    std
+        Best and worst standard deviation, shape (2,) [px]; infinity where the texture cannot be told from noise.
+    directions
+        Unit vectors (u, v) of the two, one a row, shape (2, 2).
+
+    Notes
+    -----
+    Where something else begins, both surfaces make the picture: the line between them moves with the nearer one, and
+    across it its motion is seen; along it the farther one's texture ends at the line and makes corners that move with
+    neither. In the rim of what moves otherwise only the part of a gradient across that line counts, therefore.
+
+    A direction of which the point's nearest surroundings say nothing is told by others only where they are seen to move
+    along it, too, or where nothing moves at all: a post that moves sideways before a still wall shares no motion with
+    the wall's joints, even if nothing contradicts them.
+    """
+    covariance = _part_covariance(window, belief, part & belief.believed)
+    values, axes = np.linalg.eigh(covariance)
+    std = np.sqrt(np.maximum(values, 0.0))
+    core = window.radius2 <= max(_CORE * belief.radius_px, _LEAST_CORE_PX) ** 2
+    near = _part_covariance(window, belief, part & belief.believed & core)
+    along = belief.motion @ axes[:, 1]
+    shared = np.sqrt(np.mean(along**2)) > max(DISTINCT_PX, SURE * std[1])
+    nothing_moves = not is_distinct(belief.motion, 0 * belief.motion) and not (belief.against & part).any()
+    if not (shared or nothing_moves):
+        std[1] = max(std[1], float(np.sqrt(axes[:, 1] @ near @ axes[:, 1])))
+    return np.where(std < _UNKNOWN_PX / 2, std, np.inf), axes.T.copy()
+
+
+def _part_covariance(window: Window, belief: Belief, chosen: BoolArray) -> FloatArray:
+    """Covariance of one frame's motion of some pixels, not weighted, as a registration takes them, (2, 2) [px2]."""
+    gradient = window.gradient.astype(np.float64)
+    across, rim = _find_rim(~belief.against)
+    told = np.where(rim, (gradient * across).sum(axis=0) * across, gradient)[:, chosen]
+    noise = belief.noise[chosen].astype(np.float64)
+    if not noise.size:
+        return _UNKNOWN_PX**2 * 2 * np.eye(2)
+    quiet = np.minimum(noise, 2 * np.percentile(belief.noise, 20))
+    told = told - told.mean(axis=1, keepdims=True)
+    values, axes = np.linalg.eigh(told @ told.T)
+    scatter = np.einsum("in,jn,n->ij", axes.T @ told, axes.T @ told, noise)
+    # An unknown direction has a large variance, not an infinite one, which would drown the other in rounding.
+    least = np.sqrt(2 / kept_noise() * np.maximum(np.diag(scatter), 1e-9)) / _UNKNOWN_PX
+    true = np.maximum(values - noise_of_gradients() * quiet.sum(), least)
+    return np.asarray(axes @ (2 / kept_noise() * scatter / np.outer(true, true)) @ axes.T)
+
+
+def find_false_corners(window: Window, against: BoolArray) -> BoolArray:
+    """Pixels in the rim of what moves otherwise whose gradients run along the line between, shape (R, R)."""
+    across, rim = _find_rim(~against)
+    gradient = window.gradient.astype(np.float64)
+    ahead = (gradient * across).sum(axis=0)
+    aside = gradient[0] * across[1] - gradient[1] * across[0]
+    return np.asarray(rim & (np.abs(aside) > np.abs(ahead)))
+
+
+def _find_rim(believed: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Unit vectors across the nearest line to what is not believed, (2, R, R), and the rim along it, (R, R)."""
+    if believed.all():
+        return np.zeros((2, *believed.shape)), np.zeros(believed.shape, np.bool_)
+    rim = believed & (distance_transform_edt(believed) <= _RIM_PX)
+    smooth = soften(believed.astype(np.float32), _NORMAL_PX)
+    down, right = np.gradient(smooth.astype(np.float64))
+    across = np.stack([right, down])
+    return across / np.maximum(np.hypot(*across), 1e-9), np.asarray(rim, np.bool_)
+
+
+def std_around(window: Window, noise: Image, believed: BoolArray, side_px: int) -> FloatArray:
+    """Worst standard deviation of one frame's motion of the square around every pixel, shape (R, R) [px].
+
+    Parameters
+    ----------
+    window, noise, believed
+        As in `square_std`.
+    side_px
+        Side of the squares [px].
+    """
+    gu, gv = window.gradient
+    weight = believed.astype(np.float32) / noise
+    uu, uv, vv = (_sum_over_squares(weight * product, side_px) for product in (gu * gu, gu * gv, gv * gv))
+    middle, spread = (uu + vv) / 2, np.hypot((uu - vv) / 2, uv)
+    values = middle - spread
+    true = values - noise_of_gradients() * _sum_over_squares(believed.astype(np.float32), side_px)
+    variance = 2 / kept_noise() * np.maximum(values, 1e-12) / np.maximum(true, 1e-12) ** 2
+    return np.where(true > 0, np.sqrt(variance), np.inf)
+
+
+def _sum_over_squares(image: Image, side_px: int) -> FloatArray:
+    """Sums over the squares around every pixel, shape (R, R)."""
+    total = cv2.boxFilter(image, cv2.CV_64F, (side_px, side_px), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(total, np.float64)

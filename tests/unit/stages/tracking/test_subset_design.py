@@ -1,0 +1,239 @@
+"""What a point's subset compares, on sequences whose layers and motions are known."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, shift
+
+from moving_frames import digitize, memory_video
+from vfm_sdm.core.statuses import PointStatus
+from vfm_sdm.errors import SessionError
+from vfm_sdm.stages.registration.designs import Warp
+from vfm_sdm.stages.tracking.design import samples
+from vfm_sdm.stages.tracking.icgn import IcgnTracker
+from vfm_sdm.stages.tracking.subset_design import describe_subsets, design_subsets
+
+SIZE, MIDDLE = 181, 90
+FRAMES = 24
+NOISE = 1.5
+STILL = np.zeros((FRAMES, 2))
+PHASE = 2 * np.pi * np.arange(FRAMES) / FRAMES
+SWAY = np.stack([0.7 * np.sin(2 * PHASE), 1.1 * (np.cos(PHASE) - 1)], axis=1)
+"""Motion in pixels (u, v), zero in the first frame, as of a structure: 0.5 and 0.8 px (rms)."""
+
+
+def texture(seed, contrast=40.0, blur=1.6):
+    """A random surface, mean 128 grey levels."""
+    rough = gaussian_filter(np.random.default_rng(seed).normal(0, 1, (SIZE, SIZE)), blur)
+    return 128 + contrast * rough / rough.std()
+
+
+def bars(period=120.0, at=None, low=90.0, high=170.0):
+    """A single vertical edge through the middle, as sharp as a lens makes it."""
+    columns = np.arange(SIZE) - (MIDDLE if at is None else at)
+    return np.tile(low + (high - low) / (1 + np.exp(-columns / 0.8)), (SIZE, 1))
+
+
+def film(layers, *, noise=NOISE, seed=0):
+    """Frames of layers, the farthest first: image, opacity (H, W) and motion (T, 2) of each."""
+    rng = np.random.default_rng(seed)
+    frames = []
+    for k in range(FRAMES):
+        picture = np.zeros((SIZE, SIZE))
+        for image, opacity, motion in layers:
+            u, v = motion[k]
+            moved, cover = (shift(layer, (v, u), order=5, mode="nearest") for layer in (image, opacity))
+            picture = picture * (1 - np.clip(cover, 0, 1)) + moved * np.clip(cover, 0, 1)
+        frames.append(digitize(picture, rng, noise))
+    return memory_video(frames, fps=20.0)
+
+
+def box(u0, u1, v0, v1):
+    """Opacity of a rectangle with the soft border that a lens gives it."""
+    opaque = np.zeros((SIZE, SIZE))
+    opaque[v0:v1, u0:u1] = 1.0
+    return gaussian_filter(opaque, 0.7)
+
+
+EVERYWHERE = np.ones((SIZE, SIZE))
+POINT = np.array([[90.0, 90.0]])
+
+
+def choose(video, point=POINT, subset_px=41):
+    return design_subsets(video, point, [f"p{k}" for k in range(len(point))], subset_px=subset_px)[0]
+
+
+def track_error(video, choice, motion, point=POINT):
+    """Root mean square difference from a known motion, across an edge or along u and v, [px]."""
+    tracks = IcgnTracker().track(video, point, names=["p"], designs=[choice.design])
+    found = tracks["position"].values[:, 0] - point[0]
+    axes = np.eye(2) if choice.design.across is None else choice.design.across[None, :]
+    return np.sqrt(np.mean(((found - motion) @ axes.T) ** 2, axis=0))
+
+
+class TestOneSurface:
+    def test_a_textured_surface_is_believed_whole_and_registered_in_both_directions(self):
+        video = film([(texture(0), EVERYWHERE, SWAY)])
+        choice = choose(video)
+        assert choice.status == PointStatus.OK
+        assert choice.design.warp != Warp.EDGE
+        assert choice.design.mask is None
+        assert choice.believed == 1.0
+        assert (track_error(video, choice, SWAY) < 0.02).all()
+
+    def test_the_expected_standard_deviation_is_that_of_the_track(self):
+        video = film([(texture(1, contrast=12), EVERYWHERE, SWAY)], noise=3.0)
+        choice = choose(video, subset_px=31)
+        error = track_error(video, choice, SWAY)
+        assert (error < 2 * choice.std_px.max()).all()
+        assert (error > choice.std_px.min() / 3).all()
+
+    def test_nothing_is_masked_where_nothing_moves(self):
+        choice = choose(film([(texture(2), EVERYWHERE, STILL)]))
+        assert choice.believed == 1.0
+        assert choice.design.mask is None
+
+    def test_weak_texture_is_registered_with_fewer_parameters_than_strong_texture(self):
+        def order(contrast):
+            return list(Warp).index(choose(film([(texture(3, contrast, blur=4.0), EVERYWHERE, SWAY)])).design.warp)
+
+        assert order(5.0) < order(60.0)
+
+
+class TestEdges:
+    def test_an_edge_is_tracked_across_and_its_direction_stated(self):
+        video = film([(bars(), EVERYWHERE, SWAY)])
+        choice = choose(video)
+        assert choice.design.warp == Warp.EDGE
+        assert abs(choice.design.across[0]) == pytest.approx(1, abs=0.01)
+        assert np.isinf(choice.std_px[1])
+        assert track_error(video, choice, SWAY) < 0.03
+
+    def test_a_point_beside_an_edge_takes_the_nearest_texture(self):
+        video = film([(bars(at=MIDDLE + 12), EVERYWHERE, SWAY)])
+        choice = choose(video)
+        assert choice.design.warp == Warp.EDGE
+        assert track_error(video, choice, SWAY) < 0.03
+
+
+class TestRefused:
+    def test_a_flat_place_is_refused_with_the_nearest_place_that_would_do(self):
+        surface = np.full((SIZE, SIZE), 128.0)
+        surface[:, 125:] = texture(4)[:, 125:]
+        video = film([(surface, EVERYWHERE, SWAY)])
+        choice = choose(video)
+        assert choice.status == PointStatus.NO_TEXTURE
+        assert choice.design is None
+        assert 90 < choice.nearest[0] < 130
+        assert choose(video, choice.nearest[None]).design.warp != Warp.EDGE
+
+    def test_a_flat_picture_offers_no_other_place(self):
+        choice = choose(film([(np.full((SIZE, SIZE), 128.0), EVERYWHERE, SWAY)]))
+        assert choice.status == PointStatus.NO_TEXTURE
+        assert np.isnan(choice.nearest).all()
+
+    def test_points_of_one_view_are_judged_by_themselves(self):
+        surface = texture(5)
+        surface[:, :90] = 128.0
+        points = np.array([[40.0, 90.0], [140.0, 90.0]])
+        flat, rough = design_subsets(film([(surface, EVERYWHERE, SWAY)]), points, ["a", "b"], subset_px=31)
+        assert (flat.status, rough.status) == (PointStatus.NO_TEXTURE, PointStatus.OK)
+
+
+class TestTwoMotions:
+    def test_still_background_around_a_moving_patch_is_masked(self):
+        """Most of the square stands still: the majority has no say."""
+        patch = box(80, 102, 80, 102)
+        video = film([(texture(6), EVERYWHERE, STILL), (texture(7), patch, SWAY)])
+        choice = choose(video, subset_px=61)
+        moving = patch[60:121, 60:121] > 0.5
+        assert choice.design.mask[moving].mean() > 0.7
+        assert choice.design.mask[~moving].mean() < 0.1
+        assert choice.believed == pytest.approx(moving.mean(), abs=0.06)
+        assert (track_error(video, choice, SWAY) < 0.06).all()
+
+    def test_moving_surroundings_of_a_still_patch_are_masked(self):
+        patch = box(78, 104, 78, 104)
+        video = film([(texture(8), EVERYWHERE, SWAY), (texture(9), patch, STILL)])
+        choice = choose(video, subset_px=61)
+        still = patch[60:121, 60:121] > 0.5
+        assert choice.design.mask[still].mean() > 0.7
+        assert choice.design.mask[~still].mean() < 0.2
+        assert (track_error(video, choice, STILL) < 0.05).all()
+
+    def test_a_post_before_leaves_is_tracked_across_it_only(self):
+        """Where the leaves end at the post they make corners, which move with neither."""
+        plain = np.full((SIZE, SIZE), 60.0)
+        video = film([(texture(10), EVERYWHERE, STILL), (plain, box(86, 96, 0, SIZE), SWAY)])
+        choice = choose(video, point=np.array([[90.0, 90.0]]), subset_px=61)
+        assert choice.design.warp == Warp.EDGE
+        assert abs(choice.design.across[0]) > 0.98
+        assert choice.believed < 0.6
+        assert track_error(video, choice, SWAY) < 0.08
+
+    def test_two_layers_that_both_move_are_told_apart(self):
+        other = 0.8 * SWAY[:, ::-1]
+        video = film([(texture(11), EVERYWHERE, other), (texture(12), box(75, 107, 75, 107), SWAY)])
+        choice = choose(video, subset_px=61)
+        assert choice.believed < 0.5
+        assert (track_error(video, choice, SWAY) < 0.06).all()
+
+    def test_a_square_cut_by_a_deck_is_believed_on_the_named_side(self):
+        half = box(0, SIZE, 100, SIZE)
+        video = film([(texture(13), EVERYWHERE, STILL), (texture(14), half, SWAY)])
+        for row, motion in ((88.0, STILL), (112.0, SWAY)):
+            choice = choose(video, point=np.array([[90.0, row]]), subset_px=41)
+            assert choice.design.mask is not None
+            assert (track_error(video, choice, motion, np.array([[90.0, row]])) < 0.05).all()
+
+
+class TestSizes:
+    def test_strong_texture_gets_the_smallest_square(self):
+        assert choose(film([(texture(15), EVERYWHERE, SWAY)]), subset_px=None).design.subset_px == 41
+
+    def test_weak_texture_gets_a_larger_one(self):
+        choice = choose(film([(texture(16, contrast=6, blur=3.0), EVERYWHERE, SWAY)], noise=3.0), subset_px=None)
+        assert choice.design.subset_px > 41
+
+    def test_a_named_size_is_kept(self):
+        assert choose(film([(texture(17), EVERYWHERE, SWAY)]), subset_px=33).design.subset_px == 33
+
+    def test_a_point_at_the_border_keeps_a_whole_square_of_the_usual_size(self):
+        choice = choose(film([(texture(18), EVERYWHERE, SWAY)]), point=np.array([[5.0, 90.0]]), subset_px=None)
+        assert (choice.design.subset_px, choice.design.mask, choice.status) == (41, None, PointStatus.OK)
+
+
+class TestInputs:
+    def test_a_size_that_is_even_is_refused(self):
+        with pytest.raises(SessionError, match="subset_px: expected an odd number"):
+            choose(film([(texture(19), EVERYWHERE, STILL)]), subset_px=40)
+
+    def test_a_reference_frame_that_the_video_lacks_is_refused(self):
+        video = film([(texture(20), EVERYWHERE, STILL)])
+        with pytest.raises(Exception, match="expected a frame 99"):
+            design_subsets(video, POINT, ["p"], reference_frame=99)
+
+    def test_one_frame_tells_nothing(self):
+        video = memory_video([digitize(texture(21))])
+        choice = choose(video)
+        assert choice.status == PointStatus.OK
+        assert np.isnan(choice.std_px).all()
+
+    def test_another_reference_frame_is_the_one_compared(self):
+        video = film([(texture(22), EVERYWHERE, SWAY)])
+        sampled = samples.sample_windows(video, POINT, half_px=20, reference_frame=12)
+        later = list(video.frames())[12].luma
+        np.testing.assert_array_equal(sampled.windows[0][0], later[70:111, 70:111])
+
+    def test_windows_of_points_at_the_border_repeat_it(self):
+        video = film([(texture(23), EVERYWHERE, STILL)])
+        window = samples.sample_windows(video, np.array([[3.0, 90.0]]), half_px=20).windows[0][0]
+        assert window.shape == (41, 41)
+        assert (window[:, 0] == window[:, 17]).all()
+
+
+def test_the_dataset_says_what_was_chosen():
+    choice = choose(film([(bars(), EVERYWHERE, SWAY)]))
+    described = describe_subsets(["p0"], [choice])
+    assert described["warp"].values.tolist() == ["edge"]
+    assert described["expected_std"].attrs["units"] == "px"
+    assert np.isinf(described["expected_std"].sel(direction="along").item())
