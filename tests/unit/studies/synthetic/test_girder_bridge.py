@@ -8,7 +8,7 @@ from rendered_scenes import register
 
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.studies.synthetic.film import film_view
-from vfm_sdm.studies.synthetic.girder_bridge import GirderBridgeSite
+from vfm_sdm.studies.synthetic.girder_bridge import GirderBridgeSite, find_on_face
 from vfm_sdm.studies.synthetic.presets import SURFACES, preset
 from vfm_sdm.studies.synthetic.render import Renderer
 from vfm_sdm.studies.synthetic.scene import find_hidden
@@ -52,7 +52,7 @@ def test_lenses_are_off_centre_and_tangential_distortion_can_be_undone(plan):
 
 def test_distances_are_those_to_the_middle_of_the_picture(plan):
     site, camera = plan.site, plan.site.cameras()[0]
-    seen = camera.project([site.perpendicular_m, site.look_at(camera)[1], site.longitudinal_m])
+    seen = camera.project([site.perpendicular_m, find_on_face(camera, site.perpendicular_m)[1], site.longitudinal_m])
     np.testing.assert_allclose(seen, (np.array(camera.image_size) - 1) / 2, atol=1e-6)
     # The optical axis meets the face elsewhere, by more than the reading's standard deviation.
     assert abs(site.longitudinal_m - site.tripods[0].target_m) > plan.errors.longitudinal_m
