@@ -84,8 +84,8 @@ def compute_planar_displacement(
     This is the paper's monocular method. It holds only for motion parallel to the image plane, at the distance of the
     known length. The standard deviation is that of the positions, without that of the factor. Positions in space and
     reprojection errors are NaN, because one view does not know them. Of a point that is seen across an edge only, the
-    motion along the edge counts as any of `vfm_sdm.stages.displacement.edges.UNKNOWN_MOTION_M`; an axis of which that
-    makes out more than half is NaN.
+    motion along the edge counts as any of `vfm_sdm.stages.displacement.edges.UNKNOWN_MOTION_M`; an axis that it
+    leaves a tenth of its variance is NaN.
 
     Examples
     --------
