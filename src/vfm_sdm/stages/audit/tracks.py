@@ -228,9 +228,10 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
             one = tracks.sel(point=point)
             apart = one["half_difference"].values
             known = np.isfinite(apart).all(axis=1)
+            if "half_covariance" in one:
+                known &= np.isfinite(one["half_covariance"].values).all(axis=(1, 2))
             if known.sum() > 10 and motion[number] > 0:
-                # Both halves have twice the standard deviation of the whole each.
-                noise = 8.0 * NOISE_TRUST**2 * float(_compute_noise(one))
+                noise = NOISE_TRUST**2 * _compute_noise_of_halves(one)
                 excess = max(float(apart[known].var(axis=0).sum()) - noise, 0.0)
                 found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
     return judge(
@@ -267,6 +268,15 @@ def _find_moving(track: xr.Dataset) -> BoolArray:
 def _compute_noise(track: xr.Dataset) -> float:
     """Mean stated variance of a track, u and v together or across an edge [px2]."""
     covariance = track["position_covariance"].values[:, None]
+    return float(mean_of_known(measured_variance(covariance, edges_across(track)[None]))[0])
+
+
+def _compute_noise_of_halves(track: xr.Dataset) -> float:
+    """Mean stated variance of the difference of a subset's halves, u and v together or across an edge [px2]."""
+    # Where it is not stated, both halves have twice the standard deviation of the whole each.
+    if "half_covariance" not in track:
+        return 8.0 * _compute_noise(track)
+    covariance = track["half_covariance"].values[:, None]
     return float(mean_of_known(measured_variance(covariance, edges_across(track)[None]))[0])
 
 
