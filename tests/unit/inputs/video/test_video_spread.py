@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from moving_frames import memory_video
 from video_clips import write_clip
 
+from moving_frames import memory_video
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video import open_video, reader
 
