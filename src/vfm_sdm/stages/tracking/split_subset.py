@@ -6,15 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
-from vfm_sdm.core.covariances import judged_std
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign
 
 __all__ = ["SplitSubsets"]
 
 _LEAST_SIDE_PX = 11
-_TOLD_PX = 0.1
-"""Stated standard deviation up to which a half says where it is [px]."""
 _EVERY = 4
 """Frames between two measurements: enough for a root mean square, at a small part of the tracking's cost."""
 _OFTEN = 0.8
@@ -91,13 +88,10 @@ class SplitSubsets:
         rows = np.arange(len(bank))
         raw = bank.run(luma, rows, np.concatenate([start, both.reshape(-1, 4)], axis=1), executor=self._executor)
         place = np.where(raw.converged[:, None], bank.position(rows, raw.warps), np.nan)
-        covariance = np.full((len(self._whole), 2, 2), np.nan)
-        if self._whole.designs is not None:
-            registered = bank.interpret(raw)
-            told = judged_std(registered.covariance, bank.edge_across) <= _TOLD_PX
-            place = np.where(told[:, None], place, np.nan)
-            covariance = np.sum(np.split(registered.covariance, 2), axis=0)
         left, right = np.split(place, 2)
+        covariance = np.full((len(left), 2, 2), np.nan)
+        if self._whole.designs is not None:
+            covariance = np.sum(np.split(bank.interpret(raw).covariance, 2), axis=0)
         return right - left - 2 * self._apart, covariance
 
 
