@@ -130,7 +130,8 @@ class Measurement(Chain[Session]):
 
     @product(
         reads=(
-            *("view.name", "view.images", "view.lens", "view.camera", "view.level"),
+            *("view.name", "view.images", "view.lens", "view.camera", "view.level", "view.stands"),
+            *("view.perpendicular_distance", "view.longitudinal_distance"),
             *("site", "point", "chessboard", "method.subset_px"),
         ),
         needs=("frames",),
@@ -153,10 +154,9 @@ class Measurement(Chain[Session]):
         return self.cameras.points
 
     @product(
-        reads=("point.name", "point.view", "point.pixel", "point.pixel_in", "method.subset_px"),
+        reads=("point.name", "point.view", "point.pixel", "point.pixel_in"),
         needs=("recordings",),
         parts=("trackers",),
-        label="expectation",
     )
     def expectation(self, session: Session) -> dict[str, xr.Dataset]:
         """What named pixels should measure and how well, by view, before anything else is known of them."""
@@ -168,7 +168,7 @@ class Measurement(Chain[Session]):
         chosen = {view: self._choose(view, places, session.method.subset_px) for view, places in named.items()}
         return {view: describe_subsets(list(of), list(of.values())) for view, of in chosen.items()}
 
-    @product(reads=("method.subset_px",), needs=("recordings", "points"), parts=("trackers",), label="subsets")
+    @product(needs=("recordings", "points"), parts=("trackers",))
     def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
         """What the subset of every point compares, by view and point; empty for trackers that compare none."""
         self._say("subsets")
@@ -417,7 +417,7 @@ class Measurement(Chain[Session]):
         if cameras.rig is None:
             raise DatasetError("displacement: expected cameras, got none; see the status of the cameras")
         return compute_displacement(
-            tracks,
+            tracks.assign(place_std=cameras.points["position_std"]),
             cameras.rig,
             frame=cameras.frame,
             covariance=cameras.covariance,

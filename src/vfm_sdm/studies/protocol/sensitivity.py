@@ -156,9 +156,8 @@ def _change_recordings(plan: Preset, **changes: float | int) -> Preset:
 
 
 def _change_baseline(plan: Preset, length_m: float) -> Preset:
-    second, *others = plan.site.further
-    x, y, z = (length_m / plan.baseline_m * np.asarray(second.center)).tolist()
-    return replace(plan, site=replace(plan.site, further=(replace(second, center=(x, y, z)), *others)))
+    x, y, z = (length_m / plan.baseline_m * np.asarray(plan.site.further[0].center)).tolist()
+    return replace(plan, site=plan.site.with_second_at((x, y, z)))
 
 
 _CHANGES: dict[str, Callable[[Preset, float], Preset]] = {

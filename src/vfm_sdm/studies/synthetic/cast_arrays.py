@@ -47,7 +47,7 @@ Int64Array = npt.NDArray[np.int64]
 FaceImage = npt.NDArray[np.int16]
 LumaImage = npt.NDArray[np.float32]
 Coefficients = npt.NDArray[np.float32]
-PlainArrays = tuple[FloatArray, Int64Array, Coefficients, FloatArray, Int64Array, float, FloatArray]
+PlainArrays = tuple[FloatArray, Int64Array, Coefficients, FloatArray, Int64Array, LumaImage, FloatArray]
 
 # Columns of `CastArrays.faces` and `CastArrays.layout`.
 NORMAL, UNIT_U, UNIT_V, OFFSET, LENGTH, DENSITY, TABLE_START, REACH, GUARD, SLOPE = 0, 3, 6, 9, 12, 14, 16, 17, 18, 19
@@ -71,8 +71,8 @@ class CastArrays(NamedTuple):
     """Undistorted rays (x/z, y/z) of all pixel centres with a border of one pixel, shape (H + 2, W + 2, 2)."""
     candidates: Int64Array
     """Faces to try in each tile, padded with -1, shape (tiles_v, tiles_u, most)."""
-    sky: float
-    """Luma where there is no face."""
+    sky: LumaImage
+    """Luma where there is no face, shape (H, W)."""
 
     def plain(self, values: FloatArray) -> PlainArrays:
         """The same as a tuple without names, with displacements in the tables.

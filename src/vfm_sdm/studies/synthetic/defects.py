@@ -14,6 +14,8 @@ from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import DatasetError
 
 __all__ = [
+    "BLACK",
+    "WHITE",
     "Frame",
     "Glare",
     "Stabilization",
@@ -21,6 +23,7 @@ __all__ = [
     "compute_exposure_times",
     "compute_row_delays",
     "compute_stabilization_path",
+    "compute_wandering",
     "defocus",
     "lower_light",
     "sharpen",
@@ -29,7 +32,8 @@ __all__ = [
 
 Frame = npt.NDArray[np.float32]
 
-_BLACK, _WHITE = 16.0, 235.0
+BLACK, WHITE = 16.0, 235.0
+"""Luma of black and white in 8-bit video."""
 _KERNEL_STDS = 4
 _WAVES = 8
 _WANDER_HZ = (0.05, 0.4)
@@ -160,13 +164,13 @@ def add_glare(luma: Frame, glare: Glare, *, time_s: float) -> Frame:
     True
     """
     height, width = luma.shape
-    offset = glare.wander * _wandering([time_s], _WANDER_HZ, seed=glare.seed)[0]
+    offset = glare.wander * compute_wandering([time_s], _WANDER_HZ, seed=glare.seed)[0]
     u = (np.arange(width) + 0.5) / width - glare.center[0] - offset[0]
     v = (np.arange(height) + 0.5) / width - glare.center[1] * height / width - offset[1]
     profiles = [np.exp(-0.5 * (x / glare.radius) ** 2).astype(np.float32) for x in (v, u)]
     veil = np.outer(np.float32(glare.strength * (1 - glare.floor)) * profiles[0], profiles[1])
     veil += np.float32(glare.strength * glare.floor)
-    lifted = np.float32(_WHITE) - luma
+    lifted = np.float32(WHITE) - luma
     lifted *= veil
     lifted += luma
     return lifted
@@ -196,7 +200,7 @@ def lower_light(luma: Frame, gain: float) -> Frame:
         raise DatasetError(
             f"gain: expected more than 0 and at most 1, got {gain}; give the share of light that is left"
         )
-    return luma * np.float32(gain) + np.float32(_BLACK * (1 - gain))
+    return luma * np.float32(gain) + np.float32(BLACK * (1 - gain))
 
 
 def sharpen(luma: Frame, amount: float, *, sigma_px: float = 1.0) -> Frame:
@@ -266,8 +270,8 @@ def compute_stabilization_path(
     """
     time = as_float_array(time_s, "time_s", (None,))
     motion = as_float_array(scene_motion_px, "scene_motion_px", (len(time), 2))
-    roll = _wandering(time, _DRIFT_HZ, seed=stabilization.seed)[:, 0] * np.deg2rad(stabilization.roll_std_deg)
-    drift = stabilization.drift_px * _wandering(time, _DRIFT_HZ, seed=stabilization.seed + 1)
+    roll = compute_wandering(time, _DRIFT_HZ, seed=stabilization.seed)[:, 0] * np.deg2rad(stabilization.roll_std_deg)
+    drift = stabilization.drift_px * compute_wandering(time, _DRIFT_HZ, seed=stabilization.seed + 1)
     center = (np.asarray(image_size) - 1) / 2
     path = np.empty((len(time), 2, 3))
     path[:, 0, 0] = path[:, 1, 1] = np.cos(roll)
@@ -364,7 +368,7 @@ def compute_row_delays(height: int, read_out_s: float) -> FloatArray:
     return read_out_s * ((np.arange(height) + 0.5) / height - 0.5)
 
 
-def _wandering(time_s: npt.ArrayLike, band_hz: tuple[float, float], *, seed: int) -> FloatArray:
+def compute_wandering(time_s: npt.ArrayLike, band_hz: tuple[float, float], *, seed: int) -> FloatArray:
     """Two smooth random functions of time with standard deviation 1, shape (T, 2).
 
     A sum of sines of random frequency and phase, so that any time can be asked for by itself.

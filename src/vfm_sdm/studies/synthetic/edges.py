@@ -230,7 +230,7 @@ def smooth_edges(
                 here = int(face[row, column])
                 share, _, second = _blend_two(faces, layout, values, (here, other), three)
                 if share >= 0:
-                    beyond = sky
+                    beyond = float(sky[row, column])
                     if other >= 0:
                         beyond = sample(faces, layout, coefficients, other, second[1], second[2])
                     luma[row, column] = share * luma[row, column] + (1 - share) * beyond
@@ -245,4 +245,4 @@ def smooth_edges(
                     for m in range(3):
                         near[count, 1 + m], near[count, 4 + m], near[count, 7 + m] = center[m], by_column[m], by_row[m]
                     count += 1
-            luma[row, column] = _blend_many(faces, layout, coefficients, near[:count], spread, sky)
+            luma[row, column] = _blend_many(faces, layout, coefficients, near[:count], spread, float(sky[row, column]))

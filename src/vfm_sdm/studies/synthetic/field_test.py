@@ -1,7 +1,7 @@
 """Synthetic field tests: a footbridge filmed by two cameras or more, written as a session folder with its truth."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
@@ -17,34 +17,21 @@ from vfm_sdm.core.netcdf import read_displacement, write_dataset
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
-from vfm_sdm.inputs.session import (
-    Length,
-    Lens,
-    Level,
-    Measured,
-    Method,
-    Point,
-    Range,
-    Sensor,
-    Session,
-    Site,
-    View,
-    write_session,
-)
+from vfm_sdm.inputs.session import write_session
 from vfm_sdm.stages.cameras.file import write_rig
 from vfm_sdm.studies.synthetic.film import film_view
-from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, build_footbridge
+from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
 from vfm_sdm.studies.synthetic.motion import ModalMotion, Mode
-from vfm_sdm.studies.synthetic.plan import Preset, Recording, SiteErrors, SitePoint, view_names
+from vfm_sdm.studies.synthetic.plan import Preset, Recording, Site, SiteErrors, SitePoint, view_names
 from vfm_sdm.studies.synthetic.recording import write_video
 from vfm_sdm.studies.synthetic.scene import Scene
 from vfm_sdm.studies.synthetic.sensors import write_acceleration
+from vfm_sdm.studies.synthetic.survey import make_sessions, true_points
 
 __all__ = ["demo_plan", "make_demo", "make_field_test"]
 
 _VERSION = version("vfm-sdm")
 _SHORTEST_S = 0.5
-_SENSOR_WIDTH_MM = 6.17
 _SENSOR_MARGIN_S = 2.0
 """How much longer than the videos the accelerometers record [s]."""
 _PARAMETERS = len(CAMERA_PARAMETERS)
@@ -68,7 +55,8 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
         New, empty, or of an earlier field test, which is replaced; videos that would be the same are kept, so that work
         that was cut short goes on. Gets a video for every view (``left.mp4``, ``right.mp4``), a CSV file for every
         accelerometer, ``session.toml``, ``truth.nc``, the displacement dataset's layout, exact, and
-        ``cameras_true.toml``.
+        ``cameras_true.toml``; of a plan with further readings also ``session_further.toml`` with these, and
+        ``points_true.nc``, the layout of ``points.nc``, with where every view sees the points.
     plan
         What to film; the same plan gives the same bytes.
     progress
@@ -95,6 +83,8 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
         write_dataset(target / "truth.nc", _truth(plan))
         for number in range(len(plan.accelerometers)):
             _write_sensor(target, plan, number)
+        if plan.further is not None:
+            write_dataset(target / "points_true.nc", true_points(plan, _scene(plan.site, plan.seed)))
         # What a camera calibrated beforehand would be taken from.
         cameras = Rig.from_world(plan.views, plan.site.cameras(), metric=True)
         write_rig(target / "cameras_true.toml", replace(cameras, covariance=np.zeros(2 * [len(cameras) * _PARAMETERS])))
@@ -110,8 +100,11 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
             frames, chroma = film_view(plan, scene, view)
             options = {"crf": str(plan.recordings[view].crf), **plan.encoder}
             write_video(path, _counted(frames, plan, view, progress), fps=plan.fps, chroma=chroma, options=options)
+    sessions = make_sessions(plan, target)
+    for name in list(sessions)[1:]:
+        write_session(target / name, sessions[name])
     # Last, so that a folder whose making was cut short is no session.
-    return write_session(target / "session.toml", _session(plan, target))
+    return write_session(target / "session.toml", sessions["session.toml"])
 
 
 def demo_plan(*, seed: int = 2026, duration_s: float = 3.0, site: FootbridgeSite | None = None) -> Preset:
@@ -178,9 +171,9 @@ def make_demo(
 
 
 @lru_cache(maxsize=1)
-def _scene(site: FootbridgeSite, seed: int) -> Scene:
+def _scene(site: Site, seed: int) -> Scene:
     """The scene; the last one is kept, because studies film one scene many times."""
-    return build_footbridge(site, seed=seed)
+    return site.scene(seed=seed)
 
 
 def _counted(
@@ -211,8 +204,10 @@ def _prepare(folder: Path, files: list[str]) -> tuple[Path, list[str]]:
 
 def _film_hash(plan: Preset, view: int) -> str:
     """What tells apart the videos of plans; dataclasses of plain values print in full."""
-    shown = (plan.site, plan.motion, plan.recordings[view], plan.fps, plan.frames, plan.seed, dict(plan.encoder))
-    return hashlib.sha256(f"{_VERSION} {view} {shown!r}".encode()).hexdigest()
+    recording = plan.recordings[view]
+    shown = (plan.site, plan.motion, recording, plan.fps, plan.frames, plan.seed, dict(plan.encoder))
+    optics = "" if recording.photometry is None else repr(recording.photometry)
+    return hashlib.sha256(f"{_VERSION} {view} {shown!r}{optics}".encode()).hexdigest()
 
 
 def _write_sensor(folder: Path, plan: Preset, number: int) -> None:
@@ -266,88 +261,3 @@ def _truth(plan: Preset) -> xr.Dataset:
             **further,
         },
     )
-
-
-def _session(plan: Preset, folder: Path) -> Session:
-    """What an engineer would have noted: every value with an error of the size of its standard deviation."""
-    rng = np.random.default_rng([plan.seed, len(plan.views)])
-
-    def error(std: float) -> float:
-        return std * float(np.clip(rng.standard_normal(), -2, 2))
-
-    views = _views(plan, error)
-    camera = plan.site.cameras()[0]
-    return Session(
-        name=plan.name,
-        view=views,
-        site=_measured_site(plan, error),
-        point=tuple(
-            Point(
-                name=point.name,
-                view=plan.views[0],
-                pixel=tuple(float(x) for x in np.round(camera.project(point.position), 3)),
-                static=point.static,
-            )
-            for point in plan.points
-        ),
-        sensor=tuple(
-            Sensor(name=m.sensor.name, file=Path(f"{m.sensor.name}.csv"), point=m.point, units="g")
-            for m in plan.accelerometers
-        ),
-        method=Method(
-            subset_px=plan.subset_px,
-            still_interval_s=(0.0, plan.still_s),
-            refinement=plan.refinement,
-            synchronization=plan.synchronization,
-        ),
-        folder=folder,
-    )
-
-
-def _views(plan: Preset, error: Callable[[float], float]) -> tuple[View, ...]:
-    """The views with their lenses as they are printed on them."""
-    relative_std = plan.errors.lens_relative
-    lenses = [
-        camera.focal_px * (1 + error(relative_std / 2)) * _SENSOR_WIDTH_MM / camera.image_size[0]
-        for camera in plan.site.cameras()
-    ]
-    return tuple(
-        View(
-            name=name,
-            video=Path(f"{name}.mp4"),
-            lens=Lens(focal_mm=round(focal_mm, 2), sensor_width_mm=_SENSOR_WIDTH_MM, relative_std=relative_std),
-        )
-        for name, focal_mm in zip(plan.views, lenses, strict=True)
-    )
-
-
-def _measured_site(plan: Preset, error: Callable[[float], float]) -> Site:
-    """What tape, laser and spirit level say."""
-    errors, site = plan.errors, plan.site
-
-    def tape(exact: float, std: float) -> Measured:
-        return Measured(value=round(exact + error(std), 3), std=std)
-
-    ranged = next(point for point in plan.points if point.name == (plan.ranged or plan.points[0].name))
-    return Site(
-        baseline=tape(plan.baseline_m, errors.baseline_m),
-        perpendicular_distance=tape(site.perpendicular_m, errors.perpendicular_m),
-        longitudinal_distance=tape(site.longitudinal_m, errors.longitudinal_m),
-        reference_camera_level=Level(value_deg=round(error(errors.level_deg), 2), std_deg=errors.level_deg),
-        range=(
-            Range(
-                point=ranged.name,
-                value=round(float(np.linalg.norm(ranged.position)) + error(errors.range_m), 3),
-                std=errors.range_m,
-            ),
-        ),
-        length=_lengths(plan, error),
-    )
-
-
-def _lengths(plan: Preset, error: Callable[[float], float]) -> tuple[Length, ...]:
-    if plan.known_length is None:
-        return ()
-    ends = [np.array(point.position) for name in plan.known_length for point in plan.points if point.name == name]
-    value = round(float(np.linalg.norm(ends[1] - ends[0])) + error(plan.errors.length_m), 3)
-    return (Length(points=plan.known_length, value=value, std=plan.errors.length_m),)

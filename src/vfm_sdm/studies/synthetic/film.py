@@ -1,6 +1,6 @@
 """Frames of one view of a virtual field test: the moving scene through lens, light, shutter, sensor and processing."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.studies.synthetic.defects import (
+    BLACK,
     add_glare,
     compute_exposure_times,
     compute_row_delays,
@@ -18,7 +19,9 @@ from vfm_sdm.studies.synthetic.defects import (
     warp,
 )
 from vfm_sdm.studies.synthetic.imager import Imager
+from vfm_sdm.studies.synthetic.lighting import Shading
 from vfm_sdm.studies.synthetic.motion import Motion
+from vfm_sdm.studies.synthetic.photometry import DepthBlur, Photometry, compute_blur, compute_vignetting
 from vfm_sdm.studies.synthetic.plan import Preset
 from vfm_sdm.studies.synthetic.render import Displacement, Renderer
 from vfm_sdm.studies.synthetic.scene import Scene
@@ -33,6 +36,8 @@ _STATIONS = 200
 _INSTANTS_PER_FRAME = 8
 
 _Luma = npt.NDArray[np.float32]
+_Stage = Callable[[_Luma, int, float], _Luma]
+"""From a picture, the number of its frame and its time [s] to the picture as it goes on."""
 
 
 def film_view(plan: Preset, scene: Scene, view: int) -> tuple[Iterator[npt.NDArray[np.uint8]], npt.NDArray[np.uint8]]:
@@ -53,40 +58,96 @@ def film_view(plan: Preset, scene: Scene, view: int) -> tuple[Iterator[npt.NDArr
         Luma, shape (H, W) each, and the chroma of all frames, shape (2, H / 2, W / 2), in units of 8-bit video.
     """
     largest, fastest = _bounds(plan, view)
-    renderer = Renderer(scene, plan.site.cameras()[view], reach_m=1.02 * largest + 1e-5)
-    return _frames(plan, renderer, view, fastest), renderer.chroma_at_rest()
+    camera, photometry = plan.site.cameras()[view], plan.recordings[view].photometry
+    behind = None if scene.backdrop is None else Renderer(scene.backdrop, camera, reach_m=0.0)
+    backdrop = None if behind is None else _focused(behind, photometry)(behind.luma_at_rest)
+    renderer = Renderer(scene, camera, reach_m=1.02 * largest + 1e-5, backdrop=backdrop)
+    chroma = renderer.chroma_at_rest(behind)
+    return _frames(plan, _LitRenderer(renderer), view, fastest), chroma
 
 
-def _frames(plan: Preset, renderer: Renderer, view: int, fastest: float) -> Iterator[npt.NDArray[np.uint8]]:
-    recording = plan.recordings[view]
+class _LitRenderer:
+    """Pictures of the displaced scene with the shadows of an instant."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer = renderer
+        scene, self._shading = renderer.scene, None
+        if scene.light is not None and scene.light.canopy is not None:
+            self._shading = Shading(
+                scene.light,
+                planes=renderer.face_planes,
+                rays=renderer.rays,
+                pose=renderer.camera.cam_from_world,
+            )
+
+    def picture(self, motion: Motion, time_s: float, read_out_s: float) -> _Luma:
+        """Luma at an instant; with a rolling shutter each band of rows at its own."""
+        luma = _picture(self.renderer, motion, time_s, read_out_s)
+        return luma if self._shading is None else self._shading.draw(luma, self.renderer.face_drawn, time_s)
+
+
+def _focused(renderer: Renderer, photometry: Photometry | None) -> Callable[[_Luma], _Luma]:
+    """What the lens's depth of field does to pictures of a scene."""
+    if photometry is None or photometry.aperture_mm == 0:
+        return _unchanged
+    sigma_px = compute_blur(photometry, renderer.camera.focal_px, renderer.depth_at_rest())
+    # Where the backdrop is seen, it is out of focus already.
+    behind = renderer.face_at_rest < 0
+    return DepthBlur(np.where(behind, 0.0, sigma_px))
+
+
+def _unchanged(luma: _Luma) -> _Luma:
+    return luma
+
+
+def _stages(plan: Preset, renderer: Renderer, view: int) -> list[_Stage]:
+    """What happens to a picture between the scene and the sensor, in this order."""
+    recording, stages = plan.recordings[view], list[_Stage]()
+    photometry, glare = recording.photometry, recording.glare
+    if photometry is not None and photometry.aperture_mm > 0:
+        focused = _focused(renderer, photometry)
+        stages.append(lambda luma, number, time_s: focused(luma))
+    if recording.defocus_px > 0:
+        stages.append(lambda luma, number, time_s: defocus(luma, recording.defocus_px))
+    if photometry is not None and photometry.vignetting > 0:
+        share = compute_vignetting(photometry, renderer.camera)
+        stages.append(lambda luma, number, time_s: np.float32(BLACK) + (luma - np.float32(BLACK)) * share)
+    if glare is not None:
+        stages.append(lambda luma, number, time_s: add_glare(luma, glare, time_s=time_s))
+    if recording.light < 1:
+        stages.append(lambda luma, number, time_s: lower_light(luma, recording.light))
+    if recording.stabilization is not None:
+        time_s, size = plan.frame_times(view), renderer.camera.image_size
+        motion_px = _dominant_motion(plan, renderer, time_s)
+        paths = compute_stabilization_path(time_s, motion_px, recording.stabilization, image_size=size)
+        stages.append(lambda luma, number, time_s: warp(luma, paths[number]))
+    if recording.sharpening > 0:
+        stages.append(lambda luma, number, time_s: sharpen(luma, recording.sharpening))
+    return stages
+
+
+def _frames(plan: Preset, lit: _LitRenderer, view: int, fastest: float) -> Iterator[npt.NDArray[np.uint8]]:
+    recording, renderer = plan.recordings[view], lit.renderer
     moved_px = fastest * recording.exposure_s * renderer.pixels_per_metre
     samples = max(1, int(np.ceil(moved_px / _BLUR_STEP_PX)))
-    imager = Imager(renderer.camera.image_size, noise_std=recording.noise_std, seed=(plan.seed, view))
-    time_s = plan.frame_times(view)
-    paths = None
-    if recording.stabilization is not None:
-        motion_px = _dominant_motion(plan, renderer, time_s)
-        size = renderer.camera.image_size
-        paths = compute_stabilization_path(time_s, motion_px, recording.stabilization, image_size=size)
-    for number, time in enumerate(time_s):
+    imager = Imager(
+        renderer.camera.image_size,
+        noise_std=recording.noise_std,
+        seed=(plan.seed, view),
+        photometry=recording.photometry,
+    )
+    stages = _stages(plan, renderer, view)
+    for number, time in enumerate(plan.frame_times(view)):
         instants = compute_exposure_times(float(time), recording.exposure_s, samples)
-        luma = _exposed(renderer, plan.motion, instants, recording.rolling_shutter_s)
-        if recording.defocus_px > 0:
-            luma = defocus(luma, recording.defocus_px)
-        if recording.glare is not None:
-            luma = add_glare(luma, recording.glare, time_s=float(time))
-        if recording.light < 1:
-            luma = lower_light(luma, recording.light)
-        if paths is not None:
-            luma = warp(luma, paths[number])
-        if recording.sharpening > 0:
-            luma = sharpen(luma, recording.sharpening)
+        luma = _exposed(lit, plan.motion, instants, recording.rolling_shutter_s)
+        for stage in stages:
+            luma = stage(luma, number, float(time))
         yield imager.expose(luma, number)
 
 
-def _exposed(renderer: Renderer, motion: Motion, instants: FloatArray, read_out_s: float) -> _Luma:
-    """Mean of the pictures at some instants; with a rolling shutter each band of rows at its own."""
-    pictures = [_picture(renderer, motion, float(instant), read_out_s) for instant in instants]
+def _exposed(lit: _LitRenderer, motion: Motion, instants: FloatArray, read_out_s: float) -> _Luma:
+    """Mean of the pictures at some instants."""
+    pictures = [lit.picture(motion, float(instant), read_out_s) for instant in instants]
     return pictures[0] if len(pictures) == 1 else np.mean(pictures, axis=0, dtype=np.float32)
 
 

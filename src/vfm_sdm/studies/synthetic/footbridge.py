@@ -4,7 +4,8 @@ All places are metres in the world frame of `vfm_sdm.studies.synthetic.scene`: (
 the optical centre of the reference camera.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -12,17 +13,14 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
-from vfm_sdm.studies.synthetic.scene import Face, Mark, Scene, Texture, coarsest_pixel
+from vfm_sdm.studies.synthetic.building import Builder, Material, Triple, along, down
+from vfm_sdm.studies.synthetic.scene import Mark, Scene
 
 __all__ = ["FootbridgeSite", "Standpoint", "build_footbridge", "make_camera"]
 
-_PIXELS_PER_WAVELENGTH = 2.6
-"""Shortest wavelength of a texture, in sizes of the coarsest pixel that sees it."""
-_SLOPE = 0.85
 _BACKDROP_M = 33.0
 """Distance at which the trees have their natural size."""
 _POST_SPACING_M = 1.2
-_Triple = tuple[float, float, float]
 
 
 def make_camera(
@@ -87,7 +85,7 @@ class Standpoint:
         Pitch and roll [deg].
     """
 
-    center: _Triple
+    center: Triple
     target_m: float
     focal_px: float
     k1: float
@@ -164,6 +162,20 @@ class FootbridgeSite:
             k1=place.k1,
         )
 
+    def with_second_at(self, center: Triple) -> Self:
+        """The site with the second camera at another optical centre [m]."""
+        second, *others = self.further
+        return replace(self, further=(replace(second, center=center), *others))
+
+    def scene(self, *, seed: int) -> Scene:
+        """The scene; see `build_footbridge`."""
+        return build_footbridge(self, seed=seed)
+
+    @property
+    def level_deg(self) -> tuple[float, float]:
+        """Pitch and roll of the reference camera [deg]."""
+        return 0.0, 0.0
+
     def station(self, share: float) -> float:
         """Longitudinal coordinate of a cross-section [m].
 
@@ -180,78 +192,15 @@ class FootbridgeSite:
         return self.support_m + share * self.span_m
 
 
-@dataclass(frozen=True)
-class _Material:
-    """Appearance of a surface; stains are counted per square metre."""
-
-    mean: float
-    contrast: float
-    tint: tuple[float, float] = (0.0, 0.0)
-    longest_m: float = 0.3
-    stains: float = 0.0
-    blur: float = 1.0
-    """Defocus, in multiples of the finest texture that the cameras can bear."""
-
-
-_STEEL = _Material(102, 26, tint=(-4, -7), stains=9)
-_BRIGHT_STEEL = _Material(126, 22, tint=(-4, -7), stains=9)
-_CONCRETE = _Material(156, 21, tint=(-5, 3), stains=7)
-_GALVANISED = _Material(140, 14, longest_m=0.2, stains=4)
-_SHADED_STEEL = _Material(62, 13, tint=(-3, -4))
-_MASONRY = _Material(134, 17, tint=(-9, 7), stains=10)
-_GRASS = _Material(94, 21, tint=(-15, -5), longest_m=0.6)
-_TREES = _Material(78, 17, tint=(-9, -6), longest_m=2.5, blur=1.6)
-_SHADED_MASONRY = _Material(104, 15, tint=(-8, 6), stains=10)
-
-
-@dataclass
-class _Builder:
-    """Collects the faces that a camera can see, each with a texture as fine as all cameras can bear."""
-
-    cameras: tuple[Camera, ...]
-    seed: int
-    faces: list[Face] = field(default_factory=list)
-
-    def add(
-        self,
-        name: str,
-        corner: _Triple,
-        edges: tuple[_Triple, _Triple],
-        material: _Material,
-        *,
-        moving: bool = False,
-        marks: tuple[Mark, ...] = (),
-    ) -> None:
-        edge_u, edge_v = np.asarray(edges[0], np.float64), np.asarray(edges[1], np.float64)
-        pixel = coarsest_pixel(corner, edge_u, edge_v, self.cameras)
-        if pixel is None:
-            return
-        # From the name, so that a face keeps its look when others are added or leave the picture.
-        seed = [self.seed, *name.encode()]
-        rng = np.random.default_rng(seed)
-        size = (float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v)))
-        finest = _PIXELS_PER_WAVELENGTH * material.blur
-        texture = Texture(
-            seed=int(rng.integers(2**32)),
-            mean=material.mean,
-            contrast=material.contrast,
-            shortest_m=(finest * pixel[0], finest * pixel[1]),
-            longest_m=material.longest_m,
-            slope=_SLOPE,
-            marks=(*marks, *_stains(material.stains, size, rng)),
-        )
-        self.faces.append(Face(name, np.asarray(corner), edge_u, edge_v, texture, moving, material.tint))
-
-
-def _stains(per_m2: float, size_m: tuple[float, float], rng: np.random.Generator) -> list[Mark]:
-    """Dark spots and, one in three, streaks that run down."""
-    marks = []
-    for _ in range(rng.poisson(per_m2 * size_m[0] * size_m[1])):
-        radius = rng.uniform(0.006, 0.025)
-        length = radius * (rng.uniform(2, 6) if rng.random() < 1 / 3 else rng.uniform(0.7, 1.4))
-        center = (rng.uniform(0, size_m[0]), rng.uniform(0, size_m[1]))
-        marks.append(Mark(center, (radius, length), -rng.uniform(10, 32)))
-    return marks
+_STEEL = Material(102, 26, tint=(-4, -7), stains=9)
+_BRIGHT_STEEL = Material(126, 22, tint=(-4, -7), stains=9)
+_CONCRETE = Material(156, 21, tint=(-5, 3), stains=7)
+_GALVANISED = Material(140, 14, longest_m=0.2, stains=4)
+_SHADED_STEEL = Material(62, 13, tint=(-3, -4))
+_MASONRY = Material(134, 17, tint=(-9, 7), stains=10)
+_GRASS = Material(94, 21, tint=(-15, -5), longest_m=0.6)
+_TREES = Material(78, 17, tint=(-9, -6), longest_m=2.5, blur=1.6)
+_SHADED_MASONRY = Material(104, 15, tint=(-8, 6), stains=10)
 
 
 def _splice(bay_m: float, height_m: float) -> tuple[Mark, ...]:
@@ -297,7 +246,7 @@ def build_footbridge(site: FootbridgeSite, *, seed: int) -> Scene:
     DatasetError
         The cameras do not see the girder.
     """
-    builder = _Builder(site.cameras(), seed)
+    builder = Builder(site.cameras(), seed)
     _add_girder(builder, site)
     _add_railings(builder, site)
     _add_ground(builder, site)
@@ -306,15 +255,7 @@ def build_footbridge(site: FootbridgeSite, *, seed: int) -> Scene:
     return Scene(tuple(builder.faces), sky=205.0)
 
 
-def _along(length_m: float) -> _Triple:
-    return (0.0, 0.0, length_m)
-
-
-def _down(height_m: float) -> _Triple:
-    return (0.0, height_m, 0.0)
-
-
-def _add_girder(builder: _Builder, site: FootbridgeSite) -> None:
+def _add_girder(builder: Builder, site: FootbridgeSite) -> None:
     """Adds web plates, flanges, stiffeners and the slab's edge; the web lies at the perpendicular distance."""
     X, Z, L = site.perpendicular_m, site.support_m, site.span_m
     bay = L / site.bays
@@ -324,34 +265,34 @@ def _add_girder(builder: _Builder, site: FootbridgeSite) -> None:
         shadow = Mark((bay / 2, 0.0), (100 * bay, 0.09), -34)
         middle = _connection(bay, 0.665) if site.bolted_middles else ()
         web = (shadow, *_splice(bay, 0.665), *middle)
-        builder.add(f"web {number}", (X, -0.36, start), (_along(bay), _down(0.665)), _STEEL, moving=True, marks=web)
+        builder.add(f"web {number}", (X, -0.36, start), (along(bay), down(0.665)), _STEEL, moving=True, marks=web)
         slab = (X - 0.14, -0.55, start + 0.4 * bay)
-        builder.add(f"slab edge {number}", slab, (_along(bay), _down(0.19)), _CONCRETE, moving=True)
+        builder.add(f"slab edge {number}", slab, (along(bay), down(0.19)), _CONCRETE, moving=True)
         flange = (X - 0.1, 0.275, start)
-        builder.add(f"bottom flange {number}", flange, (_along(bay), _down(0.045)), _BRIGHT_STEEL, moving=True)
+        builder.add(f"bottom flange {number}", flange, (along(bay), down(0.045)), _BRIGHT_STEEL, moving=True)
         for half in (0.25, 0.75):
             at = start + half * bay
-            edges = ((0.085, 0.0, 0.0), _down(0.6))
+            edges = ((0.085, 0.0, 0.0), down(0.6))
             name = f"stiffener {2 * number + int(2 * half)}"
             builder.add(name, (X - 0.085, -0.325, at), edges, _SHADED_STEEL, moving=True)
             corner = (X - 0.085, -0.325, at - 0.03)
-            builder.add(f"{name} flange", corner, (_along(0.06), _down(0.6)), _BRIGHT_STEEL, moving=True)
-    builder.add("top flange", (X - 0.1, -0.4, Z), (_along(L), _down(0.08)), _SHADED_STEEL, moving=True)
+            builder.add(f"{name} flange", corner, (along(0.06), down(0.6)), _BRIGHT_STEEL, moving=True)
+    builder.add("top flange", (X - 0.1, -0.4, Z), (along(L), down(0.08)), _SHADED_STEEL, moving=True)
 
 
-def _add_railings(builder: _Builder, site: FootbridgeSite) -> None:
+def _add_railings(builder: Builder, site: FootbridgeSite) -> None:
     """Adds the railing on the near side of the deck, and the far kerb behind it."""
     X, Z, L = site.perpendicular_m, site.support_m, site.span_m
     for number in range(int(L / _POST_SPACING_M)):
         corner = (X - 0.09, -1.6, Z + (number + 0.25) * _POST_SPACING_M)
-        builder.add(f"post {number}", corner, (_along(0.06), _down(1.1)), _GALVANISED, moving=True)
+        builder.add(f"post {number}", corner, (along(0.06), down(1.1)), _GALVANISED, moving=True)
     for number, height in enumerate((-0.74, -0.94)):
         corner = (X - 0.1, height, Z)
-        builder.add(f"rail {number}", corner, (_along(L), _down(0.045)), _GALVANISED, moving=True)
-    builder.add("far kerb", (X + 1.6, -0.78, Z), (_along(L), _down(0.4)), _CONCRETE, moving=True)
+        builder.add(f"rail {number}", corner, (along(L), down(0.045)), _GALVANISED, moving=True)
+    builder.add("far kerb", (X + 1.6, -0.78, Z), (along(L), down(0.4)), _CONCRETE, moving=True)
 
 
-def _add_ground(builder: _Builder, site: FootbridgeSite) -> None:
+def _add_ground(builder: Builder, site: FootbridgeSite) -> None:
     """Adds what stands still: the abutment's wing wall and coping, a block in front, the slope and the trees."""
     X, middle = site.perpendicular_m, site.longitudinal_m
     start, run = middle - 4.5, 4.6
@@ -360,20 +301,20 @@ def _add_ground(builder: _Builder, site: FootbridgeSite) -> None:
     builder.add(
         "wing wall",
         (X - 0.1, 0.4, start),
-        (slope, _down_along(slope, 5.0 if site.valley else 3.0)),
+        (slope, _downalong(slope, 5.0 if site.valley else 3.0)),
         _CONCRETE,
         marks=joints,
     )
     builder.add("wing wall coping", (X - 0.1, 0.4, start), (slope, (0.35, 0.0, 0.0)), _CONCRETE)
     block = (X - 1.5, 0.56, middle - 0.75)
     depth = 5.0 if site.valley else 1.5
-    builder.add("block", block, (_along(1.0), _down(depth)), _MASONRY)
-    builder.add("block side", block, ((0.5, 0.0, 0.0), _down(depth)), _SHADED_MASONRY)
-    builder.add("block top", block, (_along(1.0), (0.5, 0.0, 0.0)), _MASONRY)
+    builder.add("block", block, (along(1.0), down(depth)), _MASONRY)
+    builder.add("block side", block, ((0.5, 0.0, 0.0), down(depth)), _SHADED_MASONRY)
+    builder.add("block top", block, (along(1.0), (0.5, 0.0, 0.0)), _MASONRY)
     foot, before = (2.0, 10.0) if site.valley else (0.0, 0.0)
     rise = (2.4 * (1 + foot), -1.7 * (1 + foot), 0.0)
     corner = (X + 0.9 - 2.4 * foot, 1.9 + 1.7 * foot, start - before)
-    builder.add("bank", corner, (_along(30.0 + before), rise), _GRASS)
+    builder.add("bank", corner, (along(30.0 + before), rise), _GRASS)
     if site.valley:
         _add_abutments(builder, site)
     # The trees face the middle of what the cameras look at.
@@ -385,25 +326,25 @@ def _add_ground(builder: _Builder, site: FootbridgeSite) -> None:
     builder.add(
         "trees",
         _triple(far * trees),
-        (_triple(far * 34.0 * across), _down(far * (16.0 if site.valley else 7.0))),
+        (_triple(far * 34.0 * across), down(far * (16.0 if site.valley else 7.0))),
         _TREES,
     )
 
 
-def _add_abutments(builder: _Builder, site: FootbridgeSite) -> None:
+def _add_abutments(builder: Builder, site: FootbridgeSite) -> None:
     """Adds the face below the girder's far end, and the side walls at both ends."""
     X, first, last = site.perpendicular_m, site.support_m + 0.4, site.support_m + site.span_m - 0.4
-    builder.add("far abutment", (X - 0.6, 0.34, last), ((2.8, 0.0, 0.0), _down(4.5)), _SHADED_MASONRY)
-    builder.add("far side wall", (X - 0.6, -0.6, last), (_along(6.0), _down(5.5)), _MASONRY)
-    builder.add("near side wall", (X - 0.6, -0.6, first - 6.0), (_along(6.0), _down(5.5)), _MASONRY)
+    builder.add("far abutment", (X - 0.6, 0.34, last), ((2.8, 0.0, 0.0), down(4.5)), _SHADED_MASONRY)
+    builder.add("far side wall", (X - 0.6, -0.6, last), (along(6.0), down(5.5)), _MASONRY)
+    builder.add("near side wall", (X - 0.6, -0.6, first - 6.0), (along(6.0), down(5.5)), _MASONRY)
 
 
-def _down_along(slope: _Triple, length_m: float) -> _Triple:
+def _downalong(slope: Triple, length_m: float) -> Triple:
     """Vector at right angles to a slope within its vertical plane, downwards [m]."""
     run = float(np.hypot(slope[1], slope[2]))
     return (0.0, length_m * slope[2] / run, -length_m * slope[1] / run)
 
 
-def _triple(vector: FloatArray) -> _Triple:
+def _triple(vector: FloatArray) -> Triple:
     x, y, z = (float(value) for value in vector)
     return x, y, z

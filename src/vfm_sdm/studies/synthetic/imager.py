@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.errors import DatasetError
+from vfm_sdm.studies.synthetic.photometry import Photometry
 
 __all__ = ["LUMA_RANGE", "Imager"]
 
@@ -15,6 +16,8 @@ LUMA_RANGE = (16, 235)
 """Black and white of 8-bit video."""
 _SPARE = 2
 """Number of noise values that are kept, in multiples of a frame's pixels."""
+_TABLE_STEPS = 1 << 13
+"""Steps of the tone curve's table, whose error is then below a thousandth of a luma unit."""
 
 
 class Imager:
@@ -28,11 +31,14 @@ class Imager:
         Standard deviation of Gaussian noise, independent from pixel to pixel and frame to frame, in luma units.
     seed
         Seed of the noise; the same seed gives the same frames.
+    photometry
+        Photon noise and tone curve of a sensor that gets linear light; then
+        ``noise_std`` must be 0.
 
     Raises
     ------
     DatasetError
-        The noise is negative or not finite.
+        The noise is negative or not finite, or there is noise of both kinds.
 
     Notes
     -----
@@ -41,14 +47,26 @@ class Imager:
     at the same pixel.
     """
 
-    def __init__(self, image_size: tuple[int, int], *, noise_std: float, seed: tuple[int, ...] = (0,)) -> None:
+    def __init__(
+        self,
+        image_size: tuple[int, int],
+        *,
+        noise_std: float,
+        seed: tuple[int, ...] = (0,),
+        photometry: Photometry | None = None,
+    ) -> None:
         if not (np.isfinite(noise_std) and noise_std >= 0):
             raise DatasetError(f"noise_std: expected luma units >= 0, got {noise_std}; correct it")
+        photons = photometry is not None and photometry.full_well_e > 0
+        if noise_std > 0 and photons:
+            raise DatasetError(f"noise_std: expected 0 beside photon noise, got {noise_std}; leave one of them out")
         self._shape = image_size[::-1]
         self._seed = seed
-        count = math.prod(image_size) if noise_std > 0 else 0
+        count = math.prod(image_size) if noise_std > 0 or photons else 0
         rng = np.random.default_rng(seed)
-        self._noise = np.float32(noise_std) * rng.standard_normal(_SPARE * count, dtype=np.float32)
+        scale = 1.0 if photons else noise_std
+        self._noise = np.float32(scale) * rng.standard_normal(_SPARE * count, dtype=np.float32)
+        self._tone = None if photometry is None else _Tone(photometry)
 
     def expose(self, luma: npt.NDArray[np.float32], number: int) -> npt.NDArray[np.uint8]:
         """A frame as the sensor gives it.
@@ -56,7 +74,8 @@ class Imager:
         Parameters
         ----------
         luma
-            Luma that falls on the sensor, shape (H, W), in units of 8-bit video.
+            Luma that falls on the sensor, shape (H, W), in units of 8-bit video; linear light for a sensor with a tone
+            curve.
         number
             Number of the frame, which decides its noise.
 
@@ -83,8 +102,45 @@ class Imager:
         if len(self._noise):
             start = int(np.random.default_rng([*self._seed, number]).integers(len(self._noise) - luma.size))
         frame = np.empty(luma.size, np.uint8)
-        _quantize(np.ascontiguousarray(luma, np.float32).ravel(), self._noise[start:], frame, *LUMA_RANGE)
+        light = np.ascontiguousarray(luma, np.float32).ravel()
+        if self._tone is None:
+            _quantize(light, self._noise[start:], frame, *LUMA_RANGE)
+        else:
+            _develop(light, self._noise[start:], frame, self._tone.table, self._tone.noise)
         return frame.reshape(luma.shape)
+
+
+class _Tone:
+    """A tone curve as a table over linear light from black to white, and what the noise is made of."""
+
+    def __init__(self, photometry: Photometry) -> None:
+        black, white = LUMA_RANGE
+        self.table = photometry.tone(np.linspace(black, white, _TABLE_STEPS + 1)).astype(np.float32)
+        # Variance at black [luma2], and its growth with luma [luma].
+        at_black = float(photometry.noise_std(np.array(float(black)))) ** 2
+        growth = float(photometry.noise_std(np.array(float(white)))) ** 2 - at_black
+        self.noise = np.array([at_black, growth / (white - black)], np.float32)
+
+
+@nb.njit(cache=True, parallel=True)
+def _develop(
+    light: npt.NDArray[np.float32],
+    noise: npt.NDArray[np.float32],
+    frame: Any,
+    table: npt.NDArray[np.float32],
+    growth: npt.NDArray[np.float32],
+) -> None:
+    """Fills a frame with noise that follows the light, through the tone curve of the table."""
+    black, white = LUMA_RANGE
+    scale = np.float32((len(table) - 1) / (white - black))
+    noisy = noise.size > 0
+    for n in nb.prange(light.size):
+        above = light[n] - np.float32(black)
+        if noisy:
+            above += noise[n] * np.sqrt(growth[0] + growth[1] * max(above, np.float32(0)))
+        place = min(max(above * scale, np.float32(0)), np.float32(len(table) - 1))
+        index = min(int(place), len(table) - 2)
+        frame[n] = np.uint8(np.rint(table[index] + (place - index) * (table[index + 1] - table[index])))
 
 
 @nb.njit(cache=True, parallel=True)

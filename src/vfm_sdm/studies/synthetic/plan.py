@@ -10,10 +10,24 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.studies.synthetic.defects import Glare, Stabilization
 from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
+from vfm_sdm.studies.synthetic.girder_bridge import GirderBridgeSite
 from vfm_sdm.studies.synthetic.motion import Motion
+from vfm_sdm.studies.synthetic.photometry import Photometry
 from vfm_sdm.studies.synthetic.sensors import Accelerometer
 
-__all__ = ["MountedAccelerometer", "Preset", "Recording", "SiteErrors", "SitePoint", "view_names"]
+__all__ = [
+    "FurtherReadings",
+    "MountedAccelerometer",
+    "Preset",
+    "Recording",
+    "Site",
+    "SiteErrors",
+    "SitePoint",
+    "view_names",
+]
+
+Site = FootbridgeSite | GirderBridgeSite
+"""Where structure and cameras stand, and what they look like."""
 
 _NAMES = ("left", "right", "third", "fourth", "fifth", "sixth")
 
@@ -78,6 +92,22 @@ class SiteErrors:
 
 
 @dataclass(frozen=True)
+class FurtherReadings:
+    """What an engineer who was asked for more would also have measured, in a session file of its own.
+
+    Parameters
+    ----------
+    ranged
+        Name of the point whose distance from the second camera a laser gave.
+    lengths
+        Names of points whose distances a tape gave.
+    """
+
+    ranged: str
+    lengths: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
 class Recording:
     """How one camera records, in the order in which light and processing act.
 
@@ -105,6 +135,8 @@ class Recording:
         True time of the middle of the first frame [s].
     clock_rate
         Seconds of the camera's clock in a true second [1].
+    photometry
+        Lens and sensor that get linear light from the scene; without it, the scene's luma is that of the video.
 
     Raises
     ------
@@ -123,6 +155,8 @@ class Recording:
     crf: int = 14
     start_s: float = 0.0
     clock_rate: float = 1.0
+    # Not printed, so that a film without it is told apart as before (`field_test._film_hash`).
+    photometry: Photometry | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         least = min(self.exposure_s, self.rolling_shutter_s, self.defocus_px, self.noise_std, self.sharpening)
@@ -173,6 +207,8 @@ class Preset:
         Name of the point whose distance from the reference camera a laser gave; the first point when ``None``.
     known_length
         Names of two points whose distance the drawings give.
+    further
+        Readings of a second session file.
     encoder
         Options of x264 beside the quality.
     refinement
@@ -194,7 +230,7 @@ class Preset:
     name: str
     size: str
     description: str
-    site: FootbridgeSite
+    site: Site
     motion: Motion
     points: tuple[SitePoint, ...]
     recordings: tuple[Recording, ...]
@@ -207,6 +243,7 @@ class Preset:
     within_assumptions: bool = True
     ranged: str | None = None
     known_length: tuple[str, str] | None = None
+    further: FurtherReadings | None = None
     refinement: Literal["none", "sgr"] = "sgr"
     subset_px: int = 61
     synchronization: Literal["motion", "none"] = "motion"

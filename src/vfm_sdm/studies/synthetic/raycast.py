@@ -67,7 +67,7 @@ def render_pixels(arrays: PlainArrays, luma: LumaImage, face: FaceImage) -> None
             ray = ray_through(rays, row, column)
             k, a, b = cast(faces, layout, values, candidates, (row // TILE, column // TILE), ray)
             face[row, column] = k
-            luma[row, column] = sky if k < 0 else sample(faces, layout, coefficients, k, a, b)
+            luma[row, column] = sky[row, column] if k < 0 else sample(faces, layout, coefficients, k, a, b)
 
 
 @nb.njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
@@ -120,11 +120,11 @@ def move_pixels(
             elif here != there or here <= MIXED:
                 k, a, b = cast(faces, layout, values, candidates, tile, ray)
                 face[row, column] = k
-                luma[row, column] = sky if k < 0 else sample(faces, layout, coefficients, k, a, b)
+                luma[row, column] = sky[row, column] if k < 0 else sample(faces, layout, coefficients, k, a, b)
                 edges[row, column] = True
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=True, error_model="numpy", parallel=True)
 @cached_by_code
 def mark_tiles(arrays: PlainArrays, marks: BoolArray) -> None:
     """Sets ``marks[face, tile_v, tile_u]`` where a face comes near a pixel of the tile, hidden or not.
@@ -133,7 +133,7 @@ def mark_tiles(arrays: PlainArrays, marks: BoolArray) -> None:
     """
     faces, layout, _, rays, _, _, values = arrays
     height, width = rays.shape[0] - 2, rays.shape[1] - 2
-    for tile_row in range(marks.shape[1]):
+    for tile_row in nb.prange(marks.shape[1]):
         for row in range(tile_row * TILE, min((tile_row + 1) * TILE, height), 2):
             for column in range(0, width, 2):
                 ray = ray_through(rays, row, column)

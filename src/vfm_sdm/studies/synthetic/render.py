@@ -1,6 +1,6 @@
 """Images of a scene by casting a ray through each pixel; exact to a few thousandths of a pixel in what moves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from vfm_sdm.studies.synthetic.cast_arrays import (
     CastArrays,
 )
 from vfm_sdm.studies.synthetic.edges import smooth_edges
+from vfm_sdm.studies.synthetic.lighting import compute_reflection
 from vfm_sdm.studies.synthetic.raycast import mark_tiles, move_pixels, render_pixels
 from vfm_sdm.studies.synthetic.scene import GUARD, Face, Scene
 
@@ -53,6 +54,8 @@ class Renderer:
         The camera, with ``cam_from_world`` in the scene's world frame.
     reach_m
         Largest displacement that will be asked for [m].
+    backdrop
+        Luma where there is no face, shape (H, W); the scene's sky when ``None``.
 
     Attributes
     ----------
@@ -66,7 +69,7 @@ class Renderer:
     CameraError
         The distortion has no inverse somewhere in the image.
     DatasetError
-        ``reach_m`` is negative or not finite.
+        ``reach_m`` is negative or not finite, or the backdrop has another shape than the image.
 
     Notes
     -----
@@ -76,7 +79,14 @@ class Renderer:
     point spread of 0.8 px; faces narrower in the image than about three pixels may be drawn with gaps.
     """
 
-    def __init__(self, scene: Scene, camera: Camera, *, reach_m: float = 0.02) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        camera: Camera,
+        *,
+        reach_m: float = 0.02,
+        backdrop: npt.NDArray[np.float32] | None = None,
+    ) -> None:
         if not (np.isfinite(reach_m) and reach_m >= 0):
             raise DatasetError(f"reach_m: expected metres >= 0, got {reach_m}; give the largest displacement")
         self.scene = scene
@@ -84,9 +94,14 @@ class Renderer:
         self._reach_m = float(reach_m)
         self._shift_px = int(np.ceil(1.05 * reach_m * self.pixels_per_metre))
         self._stations = _Stations(scene, reach_m)
-        self._arrays = _cast_arrays(scene, camera, self._stations, self._reach_m)
-        self._arrays = self._arrays._replace(candidates=self._candidates())
         height, width = camera.image_size[::-1]
+        sky = np.full((height, width), scene.sky, np.float32) if backdrop is None else backdrop
+        if sky.shape != (height, width):
+            raise DatasetError(
+                f"backdrop: expected shape {(height, width)}, got {sky.shape}; draw it with the same camera"
+            )
+        self._arrays = _cast_arrays(scene, camera, self._stations, self._reach_m, sky)
+        self._arrays = self._arrays._replace(candidates=self._candidates())
         luma, face = np.empty((height, width), np.float32), np.empty((height, width), np.int16)
         arrays = self._arrays.plain(self._stations.values(None))
         render_pixels(arrays, luma, face)
@@ -146,6 +161,7 @@ class Renderer:
                 "a larger reach_m"
             )
         if not values.any() or not self._tiles.any:
+            self._face[first:last] = self.face_at_rest[first:last]
             return luma
         # The point spread reaches into the rows about the band, which show what they would at that instant.
         around = max(0, first - EDGE_PX), min(len(luma), last + EDGE_PX)
@@ -163,15 +179,47 @@ class Renderer:
             luma[row] = before
         return luma
 
-    def chroma_at_rest(self) -> npt.NDArray[np.uint8]:
-        """Blue and red chroma of half the size, as 4:2:0 video holds them, shape (2, ceil(H/2), ceil(W/2))."""
-        tints = np.array([*(face.tint for face in self.scene.faces), (0.0, 0.0)])
-        full = tints[self.face_at_rest]
+    @property
+    def face_drawn(self) -> _FaceImage:
+        """What each pixel's centre showed in the picture drawn last, as `face_at_rest`; overwritten by the next."""
+        return self._face
+
+    @property
+    def rays(self) -> FloatArray:
+        """Undistorted rays (x/z, y/z) of all pixel centres in the camera's axes, shape (H, W, 2) [1]."""
+        return self._arrays.rays[1:-1, 1:-1]
+
+    @property
+    def face_planes(self) -> FloatArray:
+        """Normal of every face in the camera's axes [1] and the distance of its plane along it [m], shape (F, 4)."""
+        return self._arrays.faces[:, [NORMAL, NORMAL + 1, NORMAL + 2, OFFSET]]
+
+    def depth_at_rest(self) -> FloatArray:
+        """Distance of what each pixel shows, along the optical axis; infinite for the sky, shape (H, W) [m]."""
+        planes = np.vstack([self.face_planes, [0.0, 0.0, 1.0, np.inf]])[self.face_at_rest]
+        return np.asarray(planes[..., 3] / (np.sum(planes[..., :2] * self.rays, axis=-1) + planes[..., 2]))
+
+    def chroma_at_rest(self, behind: "Renderer | None" = None) -> npt.NDArray[np.uint8]:
+        """Blue and red chroma of half the size, as 4:2:0 video holds them, shape (2, ceil(H/2), ceil(W/2)).
+
+        Parameters
+        ----------
+        behind
+            Renderer of the backdrop with the same camera.
+        """
+        full = self._tints()
+        if behind is not None:
+            full = np.where((self.face_at_rest < 0)[..., None], behind._tints(), full)
         height, width = full.shape[:2]
         full = np.pad(full, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
         mean = full.reshape(full.shape[0] // 2, 2, full.shape[1] // 2, 2, 2).mean(axis=(1, 3))
         planes = np.clip(np.rint(mean + _NEUTRAL_CHROMA), 16, 240).astype(np.uint8)
         return np.ascontiguousarray(planes.transpose(2, 0, 1))
+
+    def _tints(self) -> FloatArray:
+        """Chroma differences of what each pixel shows, shape (H, W, 2)."""
+        tints = np.array([*(face.tint for face in self.scene.faces), (0.0, 0.0)])
+        return np.asarray(tints[self.face_at_rest])
 
     def _candidates(self) -> npt.NDArray[np.int64]:
         """Faces that each tile may show, also when displaced, shape (tiles_v, tiles_u, most); padded with -1."""
@@ -313,7 +361,9 @@ class _MovingTiles:
         return front
 
 
-def _cast_arrays(scene: Scene, camera: Camera, stations: _Stations, reach_m: float) -> CastArrays:
+def _cast_arrays(
+    scene: Scene, camera: Camera, stations: _Stations, reach_m: float, sky: npt.NDArray[np.float32]
+) -> CastArrays:
     lengths = np.array([face.size_m for face in scene.faces])
     axes = _face_axes(scene)
     origin = np.array([face.origin for face in scene.faces])
@@ -329,11 +379,31 @@ def _cast_arrays(scene: Scene, camera: Camera, stations: _Stations, reach_m: flo
     return CastArrays(
         faces=np.column_stack([seen, offset, lengths, density, table, reach, guard, axes[:, 1:, 2]]),
         layout=np.column_stack([first, texels, stations.first, stations.count]).astype(np.int64),
-        coefficients=np.concatenate([spline.ravel() for spline in scene.splines]),
+        coefficients=np.concatenate([spline.ravel() for spline in _splines(scene, camera)]),
         rays=_pixel_rays(camera),
         candidates=np.zeros((1, 1, 1), np.int64),
-        sky=float(scene.sky),
+        sky=np.ascontiguousarray(sky, np.float32),
     )
+
+
+def _splines(scene: Scene, camera: Camera) -> Iterator[npt.NDArray[np.float32]]:
+    """Coefficients of the textures of all faces with the reflections that this camera sees."""
+    for face, spline in zip(scene.faces, scene.splines, strict=True):
+        if scene.light is None or face.gloss[0] == 0:
+            yield spline
+            continue
+        rows, columns = spline.shape
+        along = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) - GUARD
+        normal = np.cross(face.edge_u, face.edge_v)
+        # A reflection is so smooth that its values are its coefficients.
+        reflected = compute_reflection(
+            scene.light,
+            face.gloss,
+            normal=normal / np.linalg.norm(normal),
+            points3d=face.points3d(along / face.texture.texels_per_m),
+            center=camera.center,
+        )
+        yield (spline + reflected).astype(np.float32)
 
 
 def _face_axes(scene: Scene) -> FloatArray:

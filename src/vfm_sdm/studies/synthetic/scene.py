@@ -13,12 +13,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import next_fast_len
 from scipy.ndimage import spline_filter
+from scipy.special import erf
 
-from vfm_sdm.core.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import BoolArray, FloatArray, as_float_array
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera
+from vfm_sdm.studies.synthetic.defects import BLACK
+from vfm_sdm.studies.synthetic.lighting import Light
 
-__all__ = ["Face", "Mark", "Scene", "Texture", "coarsest_pixel", "texture_luma"]
+__all__ = ["Face", "Mark", "Scene", "Texture", "coarsest_pixel", "find_hidden", "texture_luma"]
 
 TEXELS_PER_WAVELENGTH = 4
 """Texels in the shortest wavelength; fewer let the spline's image spectra through."""
@@ -33,7 +36,7 @@ _VISIBLE_MARGIN = 0.05
 
 @dataclass(frozen=True)
 class Mark:
-    """A soft spot on a surface: a stain, a bolt, a joint or a shadow.
+    """A spot on a surface: a stain, a bolt, a joint, a brick or a shadow.
 
     Parameters
     ----------
@@ -43,11 +46,17 @@ class Mark:
         Standard deviations of its Gaussian profile along u and v [m]; raised to what the texture can hold.
     luma
         Change of luma at its centre, negative for dark.
+    half_m
+        Half the lengths along u and v of a rectangle whose edges are as soft as the radius says [m]; 0 for a spot.
+    taken
+        Share of the luma above black that it takes, as a shadow does [1]; it acts after the marks before it.
     """
 
     center_m: tuple[float, float]
     radius_m: tuple[float, float]
     luma: float
+    half_m: tuple[float, float] = (0.0, 0.0)
+    taken: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -109,6 +118,9 @@ class Face:
         Whether it moves with the structure.
     tint
         Blue and red chroma difference from grey, units of 8 bits.
+    gloss
+        Luma of the sun's reflection where the face mirrors it, and exponent of its fall
+        (`vfm_sdm.studies.synthetic.lighting.compute_reflection`).
 
     Raises
     ------
@@ -123,6 +135,7 @@ class Face:
     texture: Texture
     moving: bool = False
     tint: tuple[float, float] = (0.0, 0.0)
+    gloss: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
         for field in ("origin", "edge_u", "edge_v"):
@@ -187,6 +200,10 @@ class Scene:
         Faces in any order; the nearest one on a ray is seen.
     sky
         Luma beyond all faces.
+    backdrop
+        What is seen instead of the sky: a scene far behind that stands still, drawn once and out of focus.
+    light
+        Sun whose reflections and moving shadows are drawn; without it, the light is in the textures alone.
 
     Raises
     ------
@@ -196,6 +213,8 @@ class Scene:
 
     faces: tuple[Face, ...]
     sky: float = 200.0
+    backdrop: "Scene | None" = None
+    light: Light | None = None
 
     def __post_init__(self) -> None:
         names = [face.name for face in self.faces]
@@ -281,12 +300,65 @@ def _draw(luma: FloatArray, mark: Mark, texel: FloatArray, shortest: FloatArray)
     for axis in range(2):
         radius = max(mark.radius_m[axis], _SMALLEST_MARK * shortest[axis])
         center = mark.center_m[axis] / texel[axis] + GUARD
-        reach = 5 * radius / texel[axis]
+        half = mark.half_m[axis]
+        reach = (half + 5 * radius) / texel[axis]
         first, last = max(0, int(center - reach)), min(luma.shape[1 - axis], int(center + reach) + 2)
         distance = (np.arange(first, last) - center) * texel[axis]
-        profiles.append(np.exp(-0.5 * (distance / radius) ** 2))
+        if half > 0:
+            ends = (erf((distance + sign * half) / (np.sqrt(2) * radius)) for sign in (1, -1))
+            profiles.append(0.5 * np.subtract(*ends))
+        else:
+            profiles.append(np.exp(-0.5 * (distance / radius) ** 2))
         windows.append(slice(first, max(first, last)))
-    luma[windows[1], windows[0]] += mark.luma * np.outer(profiles[1], profiles[0])
+    profile = np.outer(profiles[1], profiles[0])
+    area = luma[windows[1], windows[0]]
+    if mark.taken > 0:
+        area -= mark.taken * profile * (area - BLACK)
+    area += mark.luma * profile
+
+
+def find_hidden(scene: Scene, camera: Camera, points3d: npt.ArrayLike, *, clearance_m: float = 0.01) -> BoolArray:
+    """Which points a camera does not see at rest, because a face is before them or they are outside the picture.
+
+    Parameters
+    ----------
+    scene
+        Its faces hide each other; the backdrop hides nothing.
+    camera
+        The camera.
+    points3d
+        Points on faces, world frame, shape (P, 3) [m].
+    clearance_m
+        How much nearer than the point a face must be to hide it [m].
+
+    Returns
+    -------
+    hidden
+        Shape (P,).
+
+    Examples
+    --------
+    >>> texture = Texture(seed=0, mean=120, contrast=20, shortest_m=(0.05, 0.05))
+    >>> face = Face("web", np.array([-1.0, -1.0, 5.0]), np.array([2.0, 0, 0]), np.array([0, 2.0, 0]), texture)
+    >>> camera = Camera(np.array([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]]), (640, 480))
+    >>> find_hidden(Scene((face,)), camera, [[0.0, 0.0, 5.0], [0.0, 0.0, 6.0], [3.0, 0.0, 5.0]]).tolist()
+    [False, True, True]
+    """
+    points = as_float_array(points3d, "points3d", (None, 3))
+    pixel = camera.project(points)
+    with np.errstate(invalid="ignore"):
+        hidden = ~np.all((pixel >= 0) & (pixel <= np.asarray(camera.image_size) - 1), axis=1)
+    rays = points - camera.center
+    length = np.linalg.norm(rays, axis=1)
+    for face in scene.faces:
+        normal = np.cross(face.edge_u, face.edge_v)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = normal @ (face.origin - camera.center) / (rays @ normal)
+            hit = camera.center + share[:, None] * rays - face.origin
+            a, b = (hit @ edge / (edge @ edge) for edge in (face.edge_u, face.edge_v))
+            before = (share > 0) & ((1 - share) * length > clearance_m)
+            hidden |= before & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)
+    return np.asarray(hidden)
 
 
 def coarsest_pixel(
