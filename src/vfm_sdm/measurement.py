@@ -6,6 +6,7 @@ cameras and tracks whose inputs have not changed are read from it.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.files import file_fingerprint
-from vfm_sdm.core.netcdf import read_tracks, write_points, write_tracks
+from vfm_sdm.core.netcdf import read_dataset, read_tracks, write_dataset, write_points, write_tracks
 from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.core.progress import Progress
@@ -36,7 +37,9 @@ from vfm_sdm.stages.displacement.stereo import compute_displacement
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
 from vfm_sdm.stages.synchronize import synchronize_tracks
 from vfm_sdm.stages.tracking.base import DesignedTracker
+from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
+from vfm_sdm.stages.tracking.track_noise import include_static_noise
 from vfm_sdm.stages.tracking.views import track_views
 
 __all__ = ["Measurement", "measure"]
@@ -54,6 +57,15 @@ def _write_cameras(path: Path, solution: CameraSolution, marks: Mapping[str, str
 
 def _write_tracks(path: Path, tracks: Mapping[str, xr.Dataset], marks: Mapping[str, str]) -> None:
     write_tracks(path.parent, {view: of_view.assign_attrs(key=marks["key"]) for view, of_view in tracks.items()})
+
+
+def _read_injection(path: Path) -> tuple[xr.Dataset, str]:
+    found = read_dataset(path, lambda dataset: dataset, kind="injection", command="vfm-sdm measure")
+    return found, str(found.attrs.pop("key", ""))
+
+
+def _write_injection(path: Path, found: xr.Dataset, marks: Mapping[str, str]) -> None:
+    write_dataset(path, found.assign_attrs(key=marks["key"]))
 
 
 def _write_points(path: Path, points: xr.Dataset, marks: Mapping[str, str]) -> None:
@@ -127,7 +139,8 @@ class Measurement(Chain[Session]):
 
     @product(
         reads=(
-            *("view.name", "view.images", "view.lens", "view.camera", "view.level"),
+            *("view.name", "view.images", "view.lens", "view.camera", "view.level", "view.stands"),
+            *("view.perpendicular_distance", "view.longitudinal_distance"),
             *("site", "point", "chessboard", "method.subset_px"),
         ),
         needs=("frames",),
@@ -150,10 +163,9 @@ class Measurement(Chain[Session]):
         return self.cameras.points
 
     @product(
-        reads=("point.name", "point.view", "point.pixel", "point.pixel_in", "method.subset_px"),
+        reads=("point.name", "point.view", "point.pixel", "point.pixel_in"),
         needs=("recordings",),
         parts=("trackers",),
-        label="expectation",
     )
     def expectation(self, session: Session) -> dict[str, xr.Dataset]:
         """What named pixels should measure and how well, by view, before anything else is known of them."""
@@ -165,7 +177,7 @@ class Measurement(Chain[Session]):
         chosen = {view: self._choose(view, places, session.method.subset_px) for view, places in named.items()}
         return {view: describe_subsets(list(of), list(of.values())) for view, of in chosen.items()}
 
-    @product(reads=("method.subset_px",), needs=("recordings", "points"), parts=("trackers",), label="subsets")
+    @product(needs=("recordings", "points"), parts=("trackers",))
     def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
         """What the subset of every point compares, by view and point; empty for trackers that compare none."""
         self._say("subsets")
@@ -188,13 +200,39 @@ class Measurement(Chain[Session]):
         tracker = self.part("trackers")
         return track_views(self.recordings, self.points, tracker, subsets=self.subsets, progress=self._say)
 
+    @product(
+        reads=("method.injection",),
+        needs=("recordings", "tracks", "subsets"),
+        parts=("trackers",),
+        kept=Kept("injection.nc", _read_injection, _write_injection),
+    )
+    def injection(self, session: Session) -> xr.Dataset | None:
+        """Gain and noise of every point, by motion put into the recordings; ``None`` where it was not asked for.
+
+        Tracks of another program are taken as they are.
+        """
+        if not session.method.injection or "tracks" in self.were_given:
+            return None
+        tracker = self.part("trackers")
+        return inject_views(self.recordings, self.tracks, tracker, subsets=self.subsets, progress=self._say)
+
+    @product(needs=("tracks", "injection"))
+    def injected(self, session: Session) -> dict[str, xr.Dataset]:
+        """Tracks with their motion at its true size, where injection shows what is missing."""
+        return correct_tracks(self.tracks, self.injection)
+
     # C: the cameras' own motion taken out, one clock, displacement.
 
-    @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "tracks"))
+    @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "injected"))
     def steady(self, session: Session) -> CameraMotion:
-        """Tracks without the motion of the cameras that static points show, and that motion."""
-        static = [p.name for p in session.point if p.static and session.method.camera_motion == "remove"]
-        return steady_tracks(self.tracks, self.cameras.rig, static)
+        """Tracks without the motion of the cameras that static points show, and that motion.
+
+        What static points show beyond that is noise of every point.
+        """
+        static = [p.name for p in session.point if p.static]
+        removed = static if session.method.camera_motion == "remove" else []
+        motion = steady_tracks(self.injected, self.cameras.rig, removed)
+        return replace(motion, tracks=include_static_noise(motion.tracks, static))
 
     @product(
         reads=(
@@ -231,7 +269,7 @@ class Measurement(Chain[Session]):
             *("view.name", "point.name", "point.pixel", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
-        needs=("cameras", "tracks", "steady", "aligned", "refinement", "unrefined"),
+        needs=("cameras", "injected", "steady", "aligned", "refinement", "unrefined"),
         kept=Kept("displacement.nc", None, _write_displacement, beside=("displacement.csv",)),
     )
     def displacement(self, session: Session) -> xr.Dataset | None:
@@ -241,7 +279,7 @@ class Measurement(Chain[Session]):
         """
         rig = self.cameras.rig
         if rig is None and len(session.view) == 1 and session.site.length:
-            return measure_planar(session, self.tracks[session.view[0].name])
+            return measure_planar(session, self.injected[session.view[0].name])
         if rig is None or self.unrefined is None:
             return None
         refined = self.unrefined
@@ -396,7 +434,7 @@ class Measurement(Chain[Session]):
         if cameras.rig is None:
             raise DatasetError("displacement: expected cameras, got none; see the status of the cameras")
         return compute_displacement(
-            tracks,
+            tracks.assign(place_std=cameras.points["position_std"]),
             cameras.rig,
             frame=cameras.frame,
             covariance=cameras.covariance,

@@ -29,27 +29,31 @@ READERS = {
     "view.lens": ("cameras", "audit"),
     "view.camera": ("cameras", "audit"),
     "view.level": ("cameras", "audit"),
+    "view.perpendicular_distance": ("cameras", "audit"),
+    "view.longitudinal_distance": ("cameras", "audit"),
+    "view.stands": ("cameras", "audit"),
     "view.time_offset_s": ("aligned", "audit"),
     "view.time_offset_std_s": ("aligned", "audit"),
     "view.start": ("aligned", "audit"),
     "site": ("cameras", "audit"),
     "site.length": ("cameras", "displacement", "audit"),
-    "point.name": ("cameras", "points", "steady", "aligned", "displacement", "audit"),
-    "point.view": ("cameras", "points", "audit"),
-    "point.pixel": ("cameras", "points", "displacement", "audit"),
+    "point.name": ("expectation", "cameras", "points", "steady", "aligned", "displacement", "audit"),
+    "point.view": ("expectation", "cameras", "points", "audit"),
+    "point.pixel": ("expectation", "cameras", "points", "displacement", "audit"),
     "point.static": ("cameras", "steady", "aligned", "audit"),
-    "point.pixel_in": ("cameras", "audit"),
+    "point.pixel_in": ("expectation", "cameras", "audit"),
     "sensor": (),
     "chessboard": ("cameras",),
-    "method.tracker": ("tracks", "displacement", "audit"),
+    "method.tracker": ("expectation", "subsets", "tracks", "displacement", "audit"),
     "method.cameras": ("cameras", "displacement", "audit"),
     "method.correspondence": ("cameras", "audit"),
     "method.refinement": ("refinement", "displacement", "audit"),
     "method.sgr": ("refinement", "displacement", "audit"),
     "method.synchronization": ("aligned", "audit"),
     "method.camera_motion": ("steady", "audit"),
+    "method.injection": ("injection", "audit"),
     "method.still_interval_s": ("refinement", "unrefined", "displacement", "audit"),
-    "method.subset_px": ("cameras", "tracks", "audit"),
+    "method.subset_px": ("expectation", "cameras", "subsets", "tracks", "audit"),
     "method.network": ("audit",),
     "method.sfm": ("audit",),
 }
@@ -71,7 +75,11 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
         folder=tmp_path,
         view=[
             {"name": "left", "images": "left/*.png", "fps": 30.0, "lens": {"focal_px": 900.0}, "camera": "rig.toml"},
-            {"name": "right", "video": "right.mp4", "time_offset_s": 0.1, "time_offset_std_s": 0.01, "level": level},
+            {
+                **{"name": "right", "video": "right.mp4", "time_offset_s": 0.1, "time_offset_std_s": 0.01},
+                **{"level": level, "stands": "right"},
+                **{name: {"value": 6.0, "std": 0.02} for name in ("perpendicular_distance", "longitudinal_distance")},
+            },
         ],
         site={
             "baseline": {"value": 4.0, "std": 0.01},
@@ -92,7 +100,8 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
 
 def solution_of(session: Session, *_: Any, **__: Any) -> CameraSolution:
     """Points where the session names them, and nothing of the cameras."""
-    return CameraSolution(None, None, None, named_points(session, sorted({point.view for point in session.point})))
+    views = sorted({view for point in session.point for view in (point.view, *point.pixel_in)})
+    return CameraSolution(None, None, None, named_points(session, views))
 
 
 def leaves(model: BaseModel, prefix: str = "") -> list[str]:

@@ -11,6 +11,7 @@ __all__ = [
     "CameraStatus",
     "ClockStatus",
     "ClockUse",
+    "InjectionStatus",
     "Outcome",
     "PointStatus",
     "RecordingStatus",
@@ -138,6 +139,19 @@ class ClockUse(StrEnum):
     NO_MOTION = "no common motion above its noise"
     DISAGREES = "moves otherwise than most"
     """Its own best lag is another one; it was left out."""
+
+
+class InjectionStatus(StrEnum):
+    """Whether the gain and noise of a point were measured by motion injected into its recording."""
+
+    OK = "ok"
+    NOT_COMPRESSED = "the recording is neither H.264 nor HEVC"
+    TOO_SHORT = "the recording is too short"
+    NO_SUBSET = "the tracker compares no subsets"
+    STILL = "the point does not move beyond its noise"
+    LOST = "the point is lost in the recording, or in what was injected"
+    NO_ENCODER = "no encoder of the recording's codec"
+    """The installed PyAV cannot encode what it can decode."""
 
 
 class RefinementStatus(StrEnum):

@@ -14,6 +14,8 @@ __all__ = [
     "compute_gain_covariance",
     "compute_gain_sensitivity",
     "compute_gain_std",
+    "compute_place_covariance",
+    "compute_place_sensitivity",
     "compute_position_covariance",
     "projection_jacobian",
     "triangulation_jacobian",
@@ -124,16 +126,12 @@ def compute_gain_sensitivity(
     ``M d``, where ``M = J P`` is the identity for the right ones. The sensitivity is the derivative of ``M``.
     """
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
-    points = u.shape[1]
     measure = partial(triangulation_jacobian, weights=weights) if jacobian_of is None else jacobian_of
-    projection = projection_jacobian(triangulate(u, rig, weights=weights), rig)
-    if len(rig) > 2:  # a view that does not see a point counts for nothing, even where the point lies behind it
-        seen = np.asarray(np.isfinite(u).all(axis=-1))
-        projection = np.where(seen.T[:, :, None, None], projection, 0.0)
+    projection = _project_motion(u, rig, weights)
     size = len(CAMERA_PARAMETERS)
     lengths = np.full(3, 1e-4 * max(rig.baseline(), 1e-12))
     steps = np.tile(np.concatenate([_PARAMETER_STEP, lengths]), len(rig))
-    sensitivity = np.empty((points, size * len(rig), 3, 3))
+    sensitivity = np.empty((u.shape[1], size * len(rig), 3, 3))
     for index, step in enumerate(steps):
         delta = np.zeros(size * len(rig))
         delta[index] = step
@@ -141,6 +139,71 @@ def compute_gain_sensitivity(
         change = ahead - back
         sensitivity[:, index] = np.einsum("pivk,pvkj->pij", change / (2 * step), projection)
     return sensitivity
+
+
+def compute_place_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | None = None) -> FloatArray:
+    """Change of the displacement gain matrix with where each point was found in every view.
+
+    Parameters
+    ----------
+    points2d, rig, weights
+        As in `triangulation_jacobian`.
+
+    Returns
+    -------
+    sensitivity
+        Derivative in the first camera's frame, shape (P, 2 V, 3, 3) [1/px]; pixel coordinates view by view.
+
+    Notes
+    -----
+    As `compute_gain_sensitivity`: what is a little beside the point moves as it does, and its pixels are taken for
+    those of a point at another depth.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> pixels = np.stack([camera.project([[1.0, 0.5, 25.0]]) for camera in rig.cameras])
+    >>> sensitivity = compute_place_sensitivity(pixels, rig)
+    >>> round(float(640 * sensitivity[0, 2, 1, 1]), 3)  # a disparity of 640 px; one pixel of it is 1/640 of the depth
+    1.0
+    """
+    u = as_float_array(points2d, "points2d", (len(rig), None, 2))
+    projection = _project_motion(u, rig, weights)
+    sensitivity = np.empty((u.shape[1], 2 * len(rig), 3, 3))
+    for index in range(2 * len(rig)):
+        step = np.zeros_like(u)
+        step[index // 2, :, index % 2] = _PIXEL_STEP
+        change = triangulation_jacobian(u + step, rig, weights=weights)
+        change = change - triangulation_jacobian(u - step, rig, weights=weights)
+        sensitivity[:, index] = np.einsum("pivk,pvkj->pij", change / (2 * _PIXEL_STEP), projection)
+    return sensitivity
+
+
+def compute_place_covariance(
+    changes: FloatArray, rotation: FloatArray, *, refinement_gain: FloatArray | None = None
+) -> FloatArray:
+    """Covariance of the gains from how well the places of points are known.
+
+    Parameters
+    ----------
+    changes
+        Results of `compute_place_sensitivity` times the standard deviation of each pixel coordinate, shape
+        (P, 2 V, 3, 3) [1].
+    rotation, refinement_gain
+        As in `compute_gain_covariance`.
+
+    Returns
+    -------
+    gain_covariance
+        As of `compute_gain_covariance`, shape (P, 3, 3, 3) [1].
+    """
+    turned = np.einsum("ai,pnij,bj->pnab", rotation, changes, rotation)
+    if refinement_gain is not None:
+        turned = np.einsum("pax,pnxb->pnab", refinement_gain, turned)
+    return np.asarray(np.einsum("pnab,pnac->pabc", turned, turned))
 
 
 def compute_gain_covariance(
@@ -210,6 +273,15 @@ def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: 
     """
     variance = np.einsum("pabb->pab", compute_gain_covariance(sensitivity, rotation, covariance))
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _project_motion(u: FloatArray, rig: Rig, weights: npt.ArrayLike | None) -> FloatArray:
+    """Pixels moved a unit of displacement at triangulated points, shape (P, V, 2, 3) [px per length unit]."""
+    projection = projection_jacobian(triangulate(u, rig, weights=weights), rig)
+    if len(rig) > 2:  # a view that does not see a point counts for nothing, even where the point lies behind it
+        seen = np.asarray(np.isfinite(u).all(axis=-1))
+        projection = np.where(seen.T[:, :, None, None], projection, 0.0)
+    return projection
 
 
 def projection_jacobian(points3d: FloatArray, rig: Rig) -> FloatArray:

@@ -218,7 +218,15 @@ class TestOtherPackages:
         with broken(tmp_path, text):
             message = r"broken_parts:Tracker of river-tools 1\.2: expected it to take \['subset_px'\], got TypeError: "
             with pytest.raises(BackendUnavailableError, match=message):
-                make("trackers", Method(tracker="mine"))
+                make("trackers", Method(tracker="mine", subset_px=31))
+
+    def test_what_a_session_leaves_open_is_left_to_it(self, tmp_path):
+        text = TRACKER.format(
+            "reads = ('subset_px',)\n    def __init__(self, *, subset_px=17):\n        self.side = subset_px"
+        )
+        with broken(tmp_path, text):
+            assert make("trackers", Method(tracker="mine")).side == 17
+            assert make("trackers", Method(tracker="mine", subset_px=31)).side == 31
 
     def test_its_own_errors_pass(self, tmp_path):
         raising = (

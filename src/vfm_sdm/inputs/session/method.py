@@ -131,6 +131,8 @@ class Method(Entry):
     """Whether the offset between views is estimated from the points' motion, or taken as stated."""
     camera_motion: Literal["remove", "keep"] = "remove"
     """Whether motion of the cameras that static points show is taken out of the tracks, where that is sure to help."""
+    injection: bool = True
+    """Whether the gain of every point is measured by known motion that is put into the recordings, and corrected."""
     sgr: Sgr = Sgr()
     still_interval_s: Annotated[tuple[Number, Number], AfterValidator(_increasing)] | None = None
     """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""

@@ -55,7 +55,8 @@ def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
         if record.get("bits_per_pixel", np.nan) < _CLEAN_BITS_PER_PIXEL:
             notes.append(
                 f"view {view!r}: compressed to {record['bits_per_pixel']:.2f} bits a pixel: motion comes out some 1 to "
-                "2 % too small, which is stated but not corrected (docs/decisions/008-compression.md)"
+                "2 % too small; it is corrected where injected motion shows by how much, else stated "
+                "(docs/decisions/008-compression.md)"
             )
         for what in ("dropped", "duplicated"):
             if record.get(what, 0):

@@ -35,9 +35,11 @@ _TURNS = np.radians([-60.0, -25.0, 25.0, 60.0, 180.0])
 """Directions of the baseline from which the adjustment starts again, from the first solution's."""
 _RIVAL_COST = 9.0
 """Cost above the least one up to which a solution is a rival: three standard deviations of one free direction."""
+_AHEAD = 0.5
+"""Share of the matches that have to lie in front of the cameras."""
 _SAME_RAD = np.radians(0.5)
 _CONTRADICTED = 4.0
-"""A reading this many standard deviations off excludes a solution where another one has none such."""
+"""A reading or prior this many standard deviations off excludes a solution where another one has none such."""
 _READINGS = {"perpendicular distance": (0.02, "m"), "longitudinal distance": (0.05, "m"), "pitch": (0.2, "deg")}
 """Readings that may tell solutions apart, with their usual standard deviations: laser distance meter, spirit level."""
 
@@ -86,7 +88,7 @@ def weigh_hypotheses(session: Session, hypotheses: Sequence[Hypothesis], adjust:
     solved = [(one, adjust(one)) for one in hypotheses]
     if _is_nearly_affine(hypotheses[0]):
         solved += [(one, adjust(one)) for one in _other_starts(hypotheses[0])]
-    solved = [(one, found) for one, found in solved if _fits(session, found)] or solved[:1]
+    solved = [(one, found) for one, found in solved if _fits(session, one, found)] or solved[:1]
     if len(hypotheses) == 1:
         solved.sort(key=lambda pair: pair[1].cost)
     best, adjusted = solved[0]
@@ -132,9 +134,15 @@ def _unit(vector: FloatArray) -> FloatArray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _fits(session: Session, found: SiteAdjustment) -> bool:
+def _fits(session: Session, one: Hypothesis, found: SiteAdjustment) -> bool:
     """Whether nothing that was measured or seen excludes a solution."""
-    if any(q.measured and q.deviation > _CONTRADICTED for q in found.quantities):
+    for m in one.matches:
+        pair = Rig(("first", "second"), (found.rig.cameras[m.first], found.rig.cameras[m.second]))
+        points3d = triangulate(np.stack([m.points_first, m.points_second]), pair)
+        # With the baseline reversed, epipolar lines are the same and everything lies behind the cameras.
+        if len(m) and in_front_of_all(points3d, pair).mean() < _AHEAD:
+            return False
+    if any(q.deviation > _CONTRADICTED for q in found.quantities):
         return False
     for view in session.view[1:]:
         aside = found.rig.camera(view.name).center[0]

@@ -21,7 +21,7 @@ from vfm_sdm.stages.cameras.relative_pose import (
 )
 from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
 from vfm_sdm.stages.matching.features import match_features
-from vfm_sdm.stages.matching.guided import match_through
+from vfm_sdm.stages.matching.surface_matches import match_through
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import NAMED_STD_PX, named_points
 from vfm_sdm.stages.matching.smooth import agree_smoothly

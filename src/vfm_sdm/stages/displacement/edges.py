@@ -14,7 +14,7 @@ from vfm_sdm.geometry.edge_motion import EdgeMotion, EdgePoint
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity
 from vfm_sdm.geometry.visibility import Sightings
 
-__all__ = ["UNKNOWN_MOTION_M", "SolvedEdges", "solve_edges", "state_prior"]
+__all__ = ["OPEN_SHARE", "UNKNOWN_MOTION_M", "SolvedEdges", "solve_edges", "state_prior"]
 
 UNKNOWN_MOTION_M = 0.03
 """Standard deviation of motion of which nothing is known [m]: some times what footbridges and floors do in use."""
@@ -22,7 +22,7 @@ _ALIKE = 1.5
 """How much more than the points that are seen whole an edge may move along an axis: these need not be at mid-span."""
 _STILLEST = 0.1
 """No axis is stiller than this share of the liveliest: that of refined points is so by assumption."""
-_OPEN = 0.5
+OPEN_SHARE = 0.5
 """Share of the prior's variance from which on an axis counts as not measured."""
 _MOVING = 3.0
 """Standard deviations of its noise from which on a point is seen to move (root mean square)."""
@@ -199,7 +199,7 @@ def solve_edges(
         point = EdgePoint(anchor[:, number], information, prior)
         motion = point.solve(np.where(used[..., None], sight.pixels[:, :, number], np.nan), rig)
         points[number], motions[number], places[number] = point, motion, point.place(rig)
-        hidden[number] = point.open_axes(motion.covariance, rotation, _OPEN)
+        hidden[number] = point.open_axes(motion.covariance, rotation, OPEN_SHARE)
     return SolvedEdges(points, motions, places, hidden, rotation)
 
 

@@ -4,10 +4,12 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from vfm_sdm.core.arrays import as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
+from vfm_sdm.core.covariances import edges_across, find_edges, judged_std
 from vfm_sdm.core.datasets import DisplacementArrays, check_tracks, make_displacement
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
+from vfm_sdm.stages.displacement.edges import OPEN_SHARE, UNKNOWN_MOTION_M
 from vfm_sdm.stages.displacement.stereo import find_origin
 
 __all__ = ["PLANE_AXES", "compute_planar_displacement", "measure_planar", "scale_factor"]
@@ -81,7 +83,9 @@ def compute_planar_displacement(
     -----
     This is the paper's monocular method. It holds only for motion parallel to the image plane, at the distance of the
     known length. The standard deviation is that of the positions, without that of the factor. Positions in space and
-    reprojection errors are NaN, because one view does not know them.
+    reprojection errors are NaN, because one view does not know them. Of a point that is seen across an edge only, the
+    motion along the edge counts as any of `vfm_sdm.stages.displacement.edges.UNKNOWN_MOTION_M`; an axis of which that
+    makes out more than half is NaN.
 
     Examples
     --------
@@ -98,14 +102,17 @@ def compute_planar_displacement(
     position = tracks["position"].values
     valid = np.isfinite(position).all(axis=2)
     origin = find_origin(position, valid, tracks["time"].values, still_interval_s)
-    variance = np.einsum("tpkk->tpk", tracks["position_covariance"].values)
+    unknown_px = UNKNOWN_MOTION_M * 1e3 / mm_per_px
+    variance = _find_variance(tracks, unknown_px)
+    moved = np.where(variance > OPEN_SHARE * unknown_px**2, np.nan, position - origin)
+    variance = np.where(np.isnan(moved), np.nan, variance)
     frames, points, axes = position.shape
     return make_displacement(
         tracks["time"].values,
         [str(p) for p in tracks["point"].values],
         PLANE_AXES,
         DisplacementArrays(
-            displacement_mm=(position - origin) * mm_per_px,
+            displacement_mm=moved * mm_per_px,
             displacement_std_mm=np.sqrt(variance) * mm_per_px,
             scale_std=np.full((points, axes), scale_std),
             position_m=np.full((frames, points, axes), np.nan),
@@ -118,6 +125,19 @@ def compute_planar_displacement(
             "relative_to": "first valid sample" if still_interval_s is None else "mean of the still interval",
         },
     )
+
+
+def _find_variance(tracks: xr.Dataset, unknown_px: float) -> FloatArray:
+    """Variance of the positions along u and v, shape (T, P, 2) [px2]; along an edge that of unknown motion."""
+    covariance = tracks["position_covariance"].values
+    variance = np.einsum("tpkk->tpk", covariance)
+    across, edge = edges_across(tracks), find_edges(tracks)
+    if not edge.any():
+        return np.asarray(variance)
+    along = np.stack([-across[:, 1], across[:, 0]], axis=-1)
+    stated = judged_std(covariance, across) ** 2
+    of_edge = stated[..., None] * across**2 + unknown_px**2 * along**2
+    return np.where(edge[:, None], of_edge, variance)
 
 
 def scale_factor(pixel_a: npt.ArrayLike, pixel_b: npt.ArrayLike, length_mm: float) -> float:

@@ -13,7 +13,10 @@ from vfm_sdm.stages.displacement.agreement import compute_gain_difference
 from vfm_sdm.stages.displacement.uncertainty import BudgetInputs, add_uncertainty
 from vfm_sdm.stages.refinement import Refinement
 
-__all__ = ["add_facts", "state_uncertainty"]
+__all__ = ["INJECTED", "add_facts", "state_uncertainty"]
+
+INJECTED = ("injected_gain", "injected_gain_std", "injected_noise", "injected_direction", "injection_status")
+"""Variables on view and point that tell of motion put into the recordings."""
 
 
 def state_uncertainty(
@@ -83,14 +86,15 @@ def add_facts(
     displacement
         With, on ``view``, ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``,
         ``clock_use`` (view, point), ``camera_motion_before`` and ``camera_motion_after`` [px] (root mean square shift
-        of the static points) and ``camera_motion_status``; and of a refinement ``refinement_correction`` (time, point)
-        [px], and on ``point``
-        ``prior_share`` [1], ``refinement_status`` and ``refined_view``; of more than two views also
+        of the static points) and ``camera_motion_status``; what injected motion showed, on view and point (`INJECTED`);
+        and of a refinement ``refinement_correction`` (time, point) [px], and on ``point`` ``prior_share`` [1],
+        ``refinement_status`` and ``refined_view``; of more than two views also
         ``reference_views``, those that it was refined against.
     """
     facts = {
         name: aligned[name] for name in ("clock_offset", "clock_offset_std", "clock_rate", "clock_status", "clock_use")
     }
+    facts |= {name: aligned[name] for name in INJECTED if name in aligned}
     displacement = displacement.assign(facts)
     if motions:
         chosen = [motions[str(view)] for view in displacement["view"].values]

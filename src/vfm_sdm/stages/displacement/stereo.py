@@ -1,7 +1,7 @@
 """Tracks and cameras to displacement in millimetres along the structure's axes (paper, section Triangulation)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -23,6 +23,8 @@ from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.propagation import (
     compute_gain_covariance,
     compute_gain_sensitivity,
+    compute_place_covariance,
+    compute_place_sensitivity,
     compute_position_covariance,
     triangulation_jacobian,
 )
@@ -35,6 +37,8 @@ from vfm_sdm.stages.displacement.edges import SolvedEdges, solve_edges, state_pr
 __all__ = ["compute_displacement", "find_origin"]
 
 _MM_PER_M = 1e3
+_UNKNOWN_PLACE_PX = 1.0
+"""Standard deviation of a place that was registered where the texture does not tell its uncertainty [px]."""
 
 
 def compute_displacement(
@@ -51,7 +55,8 @@ def compute_displacement(
     Parameters
     ----------
     tracks
-        Tracks with a dim ``view``, in the order of the rig's cameras, on one clock, shape (V, T, P, 2) [px].
+        Tracks with a dim ``view``, in the order of the rig's cameras, on one clock, shape (V, T, P, 2) [px]; with
+        ``place_std`` (view, point, pixel) [px] where it is known how well the points were placed.
     rig
         Metric cameras.
     frame
@@ -82,8 +87,9 @@ def compute_displacement(
     -----
     The random part of the uncertainty is the tracks' covariance through the triangulation. It leaves out the noise that
     all frames share, because the reference frame's noise shifts a whole series and not its motion. The systematic part
-    is the gain of each axis under the covariance of cameras and axes (`compute_gain_std`); ``gain_std`` also holds the
-    leakage from motion along one axis into another, and ``gain_covariance`` is what
+    is the gain of each axis under the covariance of cameras and axes (`compute_gain_std`), and under that of the places
+    (`compute_place_sensitivity`): pixels of two views that belong a little beside each other give another depth.
+    ``gain_std`` also holds the leakage from motion along one axis into another, and ``gain_covariance`` is what
     `vfm_sdm.stages.displacement.uncertainty` needs for any displacement. ``pixel_sensitivity`` is the change of the
     result with each pixel coordinate.
 
@@ -130,7 +136,9 @@ def compute_displacement(
     valid = np.asarray(np.isfinite(points3d).all(axis=-1))
     position = points3d @ rotation.T
 
+    place_std = tracks["place_std"].transpose("view", "point", "pixel").values if "place_std" in tracks else None
     linear = _linearise(sight, sight.anchor(valid), rig, rotation, covariance, edges)
+    linear = replace(linear, places=_gain_of_places(sight, sight.anchor(valid), rig, place_std))
     refined = None if refinement_gain is None else _choose_gains(refinement_gain, sight, tracks)
     if refined is not None:
         linear = linear.refined(refined)
@@ -192,6 +200,9 @@ class _Linear:
         As in `compute_gain_covariance`.
     gain
         Gain of the refinement, shape (K, P, 3, 3) [1].
+    places
+        Derivative of the gains by the points' places in standard deviations, shape (K, P, 2 V, 3, 3) [1]; ``None``
+        where the places are taken as exact.
     """
 
     jacobian: FloatArray
@@ -199,22 +210,31 @@ class _Linear:
     rotation: FloatArray
     covariance: FloatArray | None
     gain: FloatArray
+    places: FloatArray | None = None
 
     def refined(self, gain: FloatArray) -> "_Linear":
         """Derivatives of refined displacement."""
         jacobian = np.einsum("spab,spbvk->spavk", gain, self.jacobian)
-        return _Linear(jacobian, self.sensitivity, self.rotation, self.covariance, gain)
+        return replace(self, jacobian=jacobian, gain=gain)
 
     def gain_covariance(self) -> FloatArray:
         """Covariance of the gains, shape (K, P, 3, 3, 3) [1]; NaN where nothing is known of the cameras."""
         if self.sensitivity is None or self.covariance is None:
             return np.full((*self.jacobian.shape[:2], 3, 3, 3), np.nan)
-        return np.stack(
+        covariance = np.stack(
             [
                 compute_gain_covariance(sensitivity, self.rotation, self.covariance, refinement_gain=gain)
                 for sensitivity, gain in zip(self.sensitivity, self.gain, strict=True)
             ]
         )
+        if self.places is not None:
+            covariance += np.stack(
+                [
+                    compute_place_covariance(places, self.rotation, refinement_gain=gain)
+                    for places, gain in zip(self.places, self.gain, strict=True)
+                ]
+            )
+        return covariance
 
 
 def _solve_edges(
@@ -257,6 +277,19 @@ def _linearise(
     gain = np.broadcast_to(np.eye(3), (len(jacobian), anchor.shape[1], 3, 3))
     known = None if covariance is None else np.stack(sensitivity)
     return _Linear(np.stack(jacobian), known, rotation, covariance, gain)
+
+
+def _gain_of_places(sight: Sightings, anchor: FloatArray, rig: Rig, place_std: FloatArray | None) -> FloatArray | None:
+    """Derivatives of the gains by the points' places, in their standard deviations (V, P, 2); (K, P, 2 V, 3, 3) [1]."""
+    if place_std is None:
+        return None
+    # Of a place that was registered on a soft texture the uncertainty may be unknown.
+    known = np.moveaxis(np.nan_to_num(place_std, nan=_UNKNOWN_PLACE_PX), 1, 0).reshape(anchor.shape[1], -1)
+    every = []
+    for members in sight.visibility.views:
+        pixels = np.where(members[:, None, None], anchor, np.nan)
+        every.append(compute_place_sensitivity(pixels, rig, weights=sight.weights) * known[:, :, None, None])
+    return np.stack(every)
 
 
 def _choose_gains(gain: FloatArray, sight: Sightings, tracks: xr.Dataset) -> FloatArray:

@@ -100,7 +100,9 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
       of z is not negative: it is stated as its expectation under both. Where the whole series has significantly more
       than noise, all of that counts. What an offset of the clocks within its standard deviation explains of z is taken
       off first: it follows the velocity, while motion in a mode is in phase along all axes;
-    - compression: `compression_gain_std` of the poorest view, times ``|d|``; at least half of what one view shows
+    - compression: where the gain of the point was measured by injected motion (``gain_left_std`` of the tracks), the
+      standard deviation of what is left of it in each view and direction, through J, on the motion in the picture that
+      belongs to d; else `compression_gain_std` of the poorest view, times ``|d|``. At least half of what one view shows
       more than another, because noise takes bits too, and a dark view loses more than its size tells.
 
     Of more than two views, J and C_a are those of the views that a sample comes from. Components are taken as
@@ -126,7 +128,7 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
         ),
         "synchronization": _compute_clock_std(displacement, tracks, inputs.clock_std_s),
         "assumption": _compute_assumption_std(displacement, tracks, inputs),
-        "compression": _compute_compression_std(inputs)[..., None] * np.abs(values),
+        "compression": _compute_compression_std(displacement, tracks, inputs),
     }
     budget = np.stack([parts[name] for name in COMPONENTS])
     combined = np.sqrt(np.sum(budget**2, axis=0))
@@ -164,12 +166,46 @@ def compression_gain_std(bits_per_pixel: float) -> float:
     return float(np.interp(np.log(max(bits_per_pixel, 1e-9)), np.log(_BITS), _GAIN_LOSS))
 
 
-def _compute_compression_std(inputs: BudgetInputs) -> FloatArray:
-    """Relative standard deviation of the gain of each point's motion in compressed recordings, shape (P,) or () [1]."""
+def _compute_compression_std(displacement: xr.Dataset, tracks: xr.Dataset, inputs: BudgetInputs) -> FloatArray:
+    """Standard deviation from the gain of each point's motion in compressed recordings, shape (T, P, 3) [mm]."""
+    values = np.abs(displacement["displacement"].values)
     by_size = compression_gain_std(min(inputs.bits_per_pixel.values(), default=np.inf))
-    if by_size == 0 or inputs.gain_difference is None:
-        return np.asarray(by_size)
-    return np.fmax(by_size, np.abs(inputs.gain_difference) / 2)
+    found = np.broadcast_to(by_size * values, values.shape)
+    if "gain_left_std" in tracks:
+        by_view = [_spread_gain(displacement, tracks, number) for number in range(tracks.sizes["view"])]
+        measured = np.sqrt(np.sum(np.square(by_view), axis=0))
+        known = _is_gain_known(tracks)[:, None]
+        found = np.where(known, measured, found)
+    elif by_size == 0:
+        return found
+    if inputs.gain_difference is None:
+        return found
+    return np.asarray(np.fmax(found, np.abs(inputs.gain_difference)[:, None] / 2 * values))
+
+
+def _is_gain_known(tracks: xr.Dataset) -> BoolArray:
+    """Whether injection measured all gains of a point, shape (P,); along an edge there is none to measure."""
+    known = np.isfinite(tracks["gain_left_std"].values)
+    if "edge_across" in tracks:
+        known[..., 1] |= np.isfinite(tracks["edge_across"].values).all(axis=-1)
+    return np.asarray(known.all(axis=(0, 2)))
+
+
+def _spread_gain(displacement: xr.Dataset, tracks: xr.Dataset, view: int) -> FloatArray:
+    """Standard deviation from the gains of one view, shape (T, P, 3) [mm]."""
+    values = np.nan_to_num(displacement["displacement"].values)
+    left = np.nan_to_num(tracks["gain_left_std"].values[view])
+    directions = tracks["injected_direction"].values[view]
+
+    def effect(per_px: FloatArray) -> FloatArray:
+        J = np.nan_to_num(per_px).reshape(len(per_px), 3, -1)
+        # The motion in all pictures that belongs to a displacement: J times it is the displacement.
+        in_pictures = np.einsum("pka,tpa->tpk", np.linalg.pinv(J), values).reshape(*values.shape[:2], -1, 2)
+        along = np.einsum("pki,tpi->tpk", directions, in_pictures[:, :, view]) * left
+        shares = np.einsum("pai,pki,tpk->tpak", np.nan_to_num(per_px[:, :, view]), directions, along)
+        return np.asarray(np.sqrt(np.sum(shares**2, axis=-1)))
+
+    return _apply_by_views(displacement, "pixel_sensitivity", effect)
 
 
 def _compute_clock_std(displacement: xr.Dataset, tracks: xr.Dataset, clock_std_s: Mapping[str, float]) -> FloatArray:

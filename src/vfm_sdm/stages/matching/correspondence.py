@@ -12,6 +12,7 @@ from vfm_sdm.core.arrays import FloatArray, LumaArray, as_float_array
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera
+from vfm_sdm.stages.matching.epipolar import EpipolarBand, epipolar_band
 from vfm_sdm.stages.matching.pyramid import MIN_CORRELATION, Level, ViewPair, reduce_pair
 from vfm_sdm.stages.matching.starts import (
     TILTS,
@@ -142,10 +143,11 @@ def find_correspondences(
     -----
     Places to try are the affine map of neighbouring matches, and points at a sequence of depths on the viewing ray,
     each as a small plane facing the camera or tilted about the vertical. Every one is refined by IC-GN with an affine
-    warp, so convergence at 30 degrees is a matter of the start. The best correlation wins if no distinct place comes
-    close to it, and if registration from there back to the first image returns to the named point. Where the result is
-    poor, smaller squares are tried, and the one that fits best is taken. The search is made in images reduced so far
-    that the square has about 41 px, further reduced where the point is not found; the last step is at full size.
+    warp, so convergence at 30 degrees is a matter of the start. The best correlation within the width of the epipolar
+    line (`epipolar_band`) wins if no distinct place there comes close to it, and if registration from there back to the
+    first image returns to the named point. Where the result is poor, smaller squares are tried, and the one that fits
+    best is taken. The search is made in images reduced so far that the square has about 41 px, further reduced where
+    the point is not found; the last step is at full size.
 
     The affine warp leaves out the second order of the perspective: the place found is off by up to about
     ``tan(angle) h^2 / (6 f)`` px for a subset of half width h, a constant that cancels in displacement.
@@ -162,11 +164,13 @@ def find_correspondences(
         levels = [reduce_pair(views, factor) for factor in range(least, 0, -1)]
         results = [_find_on_surface(levels, point, surface, subset_px) for point in points]
         return _collected(results)
+    depths, pair = find_depth_range(views.rig, views.matches), (views.matches.first, views.matches.second)
+    bands = [epipolar_band(point, views.rig, pair, depths) for point in points]
     for factor in dict.fromkeys((least, max(1, least - 1), *(least * more for more in _REDUCTIONS))):
         level = reduce_pair(views, factor)
         for index, point in enumerate(points):
             if results[index][1] in (PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED):
-                found = _find_one(level, point, subset_px=subset_px, given=(given or {}).get(index))
+                found = _find_one(level, point, subset_px=subset_px, given=(given or {}).get(index), band=bands[index])
                 if found[1] == PointStatus.OK or results[index][0] is None:
                     results[index] = found
     return _collected(results)
@@ -186,7 +190,9 @@ def _collected(results: list[_Outcome]) -> Correspondence:
     return Correspondence(position, covariance, correlation, return_error, status)
 
 
-def _find_one(level: Level, point: FloatArray, *, subset_px: int, given: FloatArray | None) -> _Outcome:
+def _find_one(
+    level: Level, point: FloatArray, *, subset_px: int, given: FloatArray | None, band: EpipolarBand
+) -> _Outcome:
     """Best registration of one point, its status, and the distance that the way back misses by."""
     place = level.reduced(point)
     depths = find_depth_range(level.pair.rig, level.pair.matches)
@@ -201,7 +207,7 @@ def _find_one(level: Level, point: FloatArray, *, subset_px: int, given: FloatAr
     outcomes: list[_Outcome] = []
     whole = subset_px if level.factor == 1 else _SIZES_PX[0]
     for size in (whole, *(px for px in _SIZES_PX if px < whole)):
-        found = _at_full_size(level, point, _register(level.pair.images, place, hypotheses, size, named), size)
+        found = _at_full_size(level, point, _register(level, place, hypotheses, size, _Wanted(named, band)), size)
         outcomes.append(found)
         if found[1] == PointStatus.OK and _correlation(found) >= _CLEAR_CORRELATION:
             break
@@ -223,7 +229,7 @@ def _find_on_surface(levels: list[Level], point: FloatArray, surface: Surface, s
         normal = surface.in_camera(cameras[0])[0]
         hypotheses = starts_from_depths(place, *cameras, surface.depths(ray, cameras[0]), normal[None])
         for size in (px for px in _SIZES_PX if px * level.factor <= subset_px + level.factor):
-            found, state, _ = _register(level.pair.images, place, hypotheses, size, None)
+            found, state, _ = _register(level, place, hypotheses, size, _Wanted())
             if found is not None and state != PointStatus.AMBIGUOUS and found.correlation[0] >= _SURFACE_CORRELATION:
                 seen.append((size * level.factor, level.carry_on(point, found, size)[0]))
     confirmed: list[_Outcome] = []
@@ -261,19 +267,26 @@ def _at_full_size(level: Level, point: FloatArray, found: _Outcome, size: int) -
     return carried, status if agreed or sure or status != PointStatus.OK else PointStatus.NOT_FOUND, level.factor * miss
 
 
-def _register(
-    images: tuple[LumaArray, LumaArray],
-    point: FloatArray,
-    hypotheses: Hypotheses,
-    subset_px: int,
-    named: FloatArray | None,
-) -> _Outcome:
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """Which of the places that resemble a point may be it."""
+
+    named: FloatArray | None = None
+    """Where it was named in the reduced image, shape (2,) [px]: the nearest one."""
+    band: EpipolarBand | None = None
+    """Where the cameras allow it, in the image at full size."""
+
+
+def _register(level: Level, point: FloatArray, hypotheses: Hypotheses, subset_px: int, wanted: _Wanted) -> _Outcome:
     """As `_find_one`, in the images of a level and with squares of one size."""
+    images, named = level.pair.images, wanted.named
     hypotheses = keep_inside(hypotheses, images[1], subset_px)
     if not len(hypotheses.position):
         return None, PointStatus.NOT_FOUND, float("nan")
     tried = _best_starts(images, point, hypotheses, subset_px)
     correlation = np.where(np.isfinite(tried.position).all(axis=1) & tried.converged, tried.correlation, -1.0)
+    if wanted.band is not None:
+        correlation = np.where(wanted.band.holds(level.full(np.nan_to_num(tried.position))), correlation, -1.0)
     best = int(np.argmax(correlation))
     if named is not None:
         # Of places that look alike, the one next to where the user points.

@@ -14,15 +14,13 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Site
+from vfm_sdm.stages.matching.epipolar import UNKNOWN_STD, camera_steps
 from vfm_sdm.stages.matching.starts import TILTS
 
 __all__ = ["Expected", "Face", "expect_anywhere", "expect_on_face", "know_face"]
 
 _MODEL_STD_PX = 1.0
 """What lens model and affine maps leave out, for each point by itself [px]."""
-_UNKNOWN_STD = 0.01
-"""Standard deviation of pixels that a rig without covariance predicts, as a share of the image width: 1 % stands for
-some mrad of rotation at the fields of view in use."""
 _LEVEL_STD_DEG = 1.0
 """Standard deviation of pitch and roll without a level reading [deg]: a tripod head set by eye."""
 _MIDDLE_DEPTH = 6.0
@@ -77,7 +75,11 @@ class Expected:
     @property
     def covariance(self) -> FloatArray:
         """Covariance of all positions together, shape (2 P, 2 P) [px2]."""
-        rows = self.shared.reshape(-1, self.shared.shape[2])
+        rows = (
+            self.shared.reshape(2 * len(self.position), -1)
+            if self.shared.size
+            else np.zeros((2 * len(self.position), 0))
+        )
         return np.asarray(rows @ rows.T + block_diag(*self.own))
 
 
@@ -194,11 +196,12 @@ def _shared_changes(points2d: FloatArray, rig: Rig, views: tuple[int, int], face
     """Change of the expected pixels with every shared quantity of unit variance, (P, 2, K) [px]."""
     size = len(CAMERA_PARAMETERS)
     both = Rig(tuple(rig.names[v] for v in views), tuple(rig.cameras[v] for v in views))
-    places = np.concatenate([np.arange(size * v, size * (v + 1)) for v in views])
-    cameras = np.zeros((2 * size, 2 * size)) if rig.covariance is None else rig.covariance[np.ix_(places, places)]
-    covariance = block_diag(cameras, face.frame.covariance, [[face.distance_std**2]])
-    variances, vectors = np.linalg.eigh(covariance)
-    steps = [np.sqrt(v) * vector for v, vector in zip(variances, vectors.T, strict=True) if v > 0]
+    frame, distance = np.linalg.eigh(face.frame.covariance), face.distance_std
+    steps = [np.concatenate([step, np.zeros(4)]) for step in camera_steps(rig, views)]
+    for variance, axis in zip(frame[0], frame[1].T, strict=True):
+        if variance > 0:
+            steps.append(np.concatenate([np.zeros(2 * size), np.sqrt(variance) * axis, [0.0]]))
+    steps.append(np.append(np.zeros(2 * size + 3), distance))
 
     def moved(step: FloatArray) -> FloatArray:
         one, other = both.perturbed(step[: 2 * size]).cameras
@@ -207,7 +210,7 @@ def _shared_changes(points2d: FloatArray, rig: Rig, views: tuple[int, int], face
 
     changes = [(moved(step) - moved(-step)) / 2 for step in steps]
     if rig.covariance is None:
-        spread = _UNKNOWN_STD * rig.cameras[views[1]].image_size[0]
+        spread = UNKNOWN_STD * rig.cameras[views[1]].image_size[0]
         changes += [np.tile(spread * axis, (len(points2d), 1)) for axis in np.eye(2)]
     return np.stack(changes, axis=-1) if changes else np.zeros((len(points2d), 2, 0))
 

@@ -1,5 +1,6 @@
 """Feature matches between two images before any geometric check: SIFT, mutual nearest neighbours, ratio test."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from vfm_sdm.stages.matching.detection import (
     find_nearest,
 )
 
-__all__ = ["FeatureMatches", "keep_one_a_place", "match_detected", "match_features"]
+__all__ = ["FeatureMatches", "keep_one_a_place", "match_detected", "match_features", "unite_versions"]
 
 _RATIO = 0.9
 """Of the distance to a match over that to the next one alike. The usual 0.8 is for one run that must be nearly free of
@@ -119,17 +120,35 @@ def match_detected(first: ImageFeatures, second: ImageFeatures) -> FeatureMatche
     first, second
         Features of each image.
     """
+    return unite_versions(first, second, lambda rows, columns: _match_versions(first, second, rows, columns))
+
+
+def unite_versions(
+    first: ImageFeatures,
+    second: ImageFeatures,
+    match: Callable[[IntArray, IntArray], tuple[IntArray, IntArray, FloatArray]],
+) -> FeatureMatches:
+    """Matches of each image as it is with every version of the other.
+
+    Parameters
+    ----------
+    first, second
+        Features of each image.
+    match
+        Called with the indices of features of one version of each image, two at least; gives the indices of matched
+        ones in both images and the quality of each match.
+
+    Returns
+    -------
+    matches
+        One of those that stand at a place in either image, the best first.
+    """
     versions = [(0, int(k)) for k in np.unique(second.version)] + [(int(k), 0) for k in np.unique(first.version) if k]
-    found = [
-        _match_versions(first, second, np.flatnonzero(first.version == i), np.flatnonzero(second.version == j))
-        for i, j in versions
-    ]
-    rows, partners = (np.concatenate([_NONE, *(one[k] for one in found)]) for k in range(2))
+    pairs = [(np.flatnonzero(first.version == i), np.flatnonzero(second.version == j)) for i, j in versions]
+    found = [match(*pair) for pair in pairs if min(pair[0].size, pair[1].size) >= 2]
+    rows, partners = (np.concatenate([np.empty(0, np.intp), *(one[k] for one in found)]) for k in range(2))
     quality = np.concatenate([np.empty(0), *(one[2] for one in found)])
     return keep_one_a_place(FeatureMatches(first.points[rows], second.points[partners], quality), _SAME_PLACE_PX)
-
-
-_NONE = np.empty(0, dtype=np.intp)
 
 
 def keep_one_a_place(matches: FeatureMatches, radius_px: float) -> FeatureMatches:
@@ -165,8 +184,6 @@ def _match_versions(
     a: ImageFeatures, b: ImageFeatures, rows: IntArray, columns: IntArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Indices of matched features of one version of each image, and the quality of each match."""
-    if min(rows.size, columns.size) < 2:
-        return _NONE, _NONE, np.empty(0)
     likeness = a.descriptors[rows] @ b.descriptors[columns].T
     back, _, back_next = find_nearest(np.ascontiguousarray(likeness.T), a.points[rows], a.place_px)
     best, distance, next_distance = find_nearest(likeness, b.points[columns], b.place_px)

@@ -1,5 +1,7 @@
 """Noise that tracks show and their covariances leave out, above all the errors of video compression."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import xarray as xr
 from scipy.ndimage import uniform_filter1d
@@ -7,9 +9,9 @@ from scipy.signal import firwin
 
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
 from vfm_sdm.core.covariances import edges_across, find_edges
-from vfm_sdm.core.datasets import check_tracks
+from vfm_sdm.core.datasets import check_tracks, trusted_values
 
-__all__ = ["include_track_noise"]
+__all__ = ["include_static_noise", "include_track_noise"]
 
 _TAPS = 41
 _EDGE = 0.8
@@ -17,6 +19,10 @@ _EDGE = 0.8
 _KAISER = 9.0
 """Shape of the filter: motion of pixels at a few hertz must leave less than a thousandth of a pixel in the band."""
 _WINDOW_S = 3.0
+_FEWEST_STATIC = 2
+_FEWEST_SAMPLES = 30
+_TRUST = 1.5
+"""Factor to which a stated standard deviation is taken to be right."""
 
 
 def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
@@ -86,6 +92,64 @@ def _measured_axes(tracks: xr.Dataset) -> FloatArray:
 def _turn(axes: FloatArray, values: FloatArray) -> FloatArray:
     """Vectors (T, P, 2) in other axes (P, 2, 2)."""
     return np.asarray((axes @ values[..., None])[..., 0])
+
+
+def include_static_noise(tracks: Mapping[str, xr.Dataset], static: Sequence[str]) -> dict[str, xr.Dataset]:
+    """Tracks whose covariances hold what points that do not move show beyond their own.
+
+    Parameters
+    ----------
+    tracks
+        Tracks by view, shape (T, P, 2) [px]. Covariances of zero stay zero.
+    static
+        Names of points that do not move; with fewer than two in a view, nothing is changed there.
+
+    Returns
+    -------
+    tracks
+        With larger ``position_covariance`` [px2] of all points in views whose air trembles.
+
+    Notes
+    -----
+    Warm air bends the picture by parts of a pixel, slowly and nearly alike over a subset: neither the residuals of a
+    frame nor the highest frequencies (`include_track_noise`) show it. What stands still does: the median of its
+    variances in time beyond those stated, where it is more than the stated standard deviation is trusted to. It holds
+    for the whole picture, because the air between is the same.
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.datasets import make_tracks
+    >>> haze = np.cumsum(np.random.default_rng(0).normal(0, 0.03, (300, 3, 2)), axis=0)
+    >>> covariance = np.tile(0.01**2 * np.eye(2), (300, 3, 1, 1))
+    >>> tracks = make_tracks(np.arange(300) / 30, ["a", "b", "mid"], haze, covariance, np.zeros((300, 3)), attrs={})
+    >>> raised = include_static_noise({"left": tracks}, ["a", "b"])["left"]
+    >>> bool((raised["position_covariance"].sel(point="mid", pixel_a="u", pixel_b="u") > 0.05**2).all())
+    True
+    """
+    return {view: _include_static_noise(of_view, static) for view, of_view in tracks.items()}
+
+
+def _include_static_noise(tracks: xr.Dataset, static: Sequence[str]) -> xr.Dataset:
+    names = [str(name) for name in tracks["point"].values]
+    position, covariance = trusted_values(tracks, "position"), tracks["position_covariance"].values
+    edges, excess = find_edges(tracks), []
+    for point in (names.index(name) for name in static if name in names):
+        known = np.asarray(np.isfinite(position[:, point]).all(axis=1))
+        # An edge says nothing along it.
+        if known.sum() >= _FEWEST_SAMPLES and not edges[point]:
+            stated = np.einsum("tii->ti", covariance[known, point]).mean(axis=0)
+            found = position[known, point].var(axis=0)
+            excess.append(np.where(found > _TRUST**2 * stated, found - stated, 0.0))
+    if len(excess) < _FEWEST_STATIC:
+        return tracks
+    added = np.median(excess, axis=0)
+    if not added.any():
+        return tracks
+    given = np.einsum("tpii->tp", covariance) == 0
+    raised = np.where(given[..., None, None], covariance, covariance + np.diag(added))
+    changed = tracks.copy()
+    changed["position_covariance"] = tracks["position_covariance"].copy(data=raised)
+    return changed
 
 
 def _estimate_variance(values: FloatArray, kernel: FloatArray, window: int) -> FloatArray:

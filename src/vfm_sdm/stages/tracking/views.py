@@ -84,10 +84,10 @@ def _track_view(
         tracks = tracker.track(video, positions[known], names=chosen, progress=progress, designs=designs)
     else:
         tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
-    codes = tracks["status"].dtype.type(Status.LOST)
-    missing = {"status": codes, "subset_px": 0, "warp": "", "believed": 0.0}
-    fill = {name: missing.get(str(name), np.nan) for name in tracks.data_vars}
-    return tracks if known.all() else tracks.reindex(point=names, fill_value=fill)
+    if known.all():
+        return tracks
+    missing = {"status": tracks["status"].dtype.type(Status.LOST), "subset_px": 0, "warp": "", "believed": 0.0}
+    return tracks.reindex(point=names, fill_value={name: missing.get(str(name), np.nan) for name in tracks.data_vars})
 
 
 def _describe_choices(subsets: Mapping[str, SubsetChoice], names: list[str]) -> dict[str, Any]:

@@ -94,9 +94,9 @@ class TestOneSurface:
 
     def test_weak_texture_is_registered_with_fewer_parameters_than_strong_texture(self):
         def order(contrast):
-            return list(Warp).index(choose(film([(texture(3, contrast, blur=4.0), EVERYWHERE, SWAY)])).design.warp)
+            return list(Warp).index(choose(film([(texture(3, contrast, blur=3.0), EVERYWHERE, SWAY)])).design.warp)
 
-        assert order(5.0) < order(60.0)
+        assert order(8.0) < order(60.0)
 
 
 class TestEdges:

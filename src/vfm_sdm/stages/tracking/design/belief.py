@@ -25,6 +25,8 @@ _VOTE_NOISE = 2 / (0.2 * 4 * np.pi * _AREA_PX**2)
 """Variance of an area's vote for unit variance of a softened pixel and unit mean square change: two noises, the pixels
 of the area, and the fifth of white noise that softening keeps."""
 _LEAST_AREA_PX = 30
+_LAYER_PX = 400
+"""Area on which a motion other than standing still must be seen: a codec moves blocks of 16 px by themselves [px]."""
 _NEAR_PX = 10.0
 """Within this of what moves otherwise, what is unknown is more likely part of it: about a block's side [px]."""
 _RESTLESS = 3.0
@@ -192,9 +194,12 @@ def _vote(window: Window, motion: FloatArray, others: list[FloatArray], noise: I
         agree, spread = soften(agree, _AREA_PX), np.maximum(soften(spread, _AREA_PX), 1e-6)
         share = agree / spread
         std = np.sqrt(noise * _VOTE_NOISE / spread)
-        against |= (share < 0.5) & (1 - share > SURE * std)
+        otherwise = _without_specks((share < 0.5) & (1 - share > SURE * std))
+        if other.any() and np.count_nonzero(otherwise) < _LAYER_PX:
+            continue
+        against |= otherwise
         supporting &= (share > 0.6) & (share > SURE * std)
-    return _without_specks(against), supporting
+    return against, supporting
 
 
 def _find_believed(against: BoolArray, supporting: BoolArray) -> BoolArray:

@@ -8,9 +8,9 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
-from vfm_sdm.stages.registration.subsets import SubsetBank
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
 from vfm_sdm.stages.tracking.design.information import find_false_corners, square_std, std_around
+from vfm_sdm.stages.tracking.design.trial import Trial
 from vfm_sdm.stages.tracking.design.window import Window
 
 __all__ = ["SIZES_PX", "USABLE_STD_PX", "SubsetChoice", "choose_subset"]
@@ -26,13 +26,10 @@ _WORTH = 0.8
 _LINEAR_STD = 3e-4
 """Rotation and strain that an ordinary recording makes unseen [1]: the slope of a girder that is bent by 1/10000 of its
 span (pi/10000), as under pedestrians and wind; the limit of serviceability of a footbridge is ten times that."""
-_FULL = (Warp.TRANSLATION, Warp.SIMILARITY, Warp.AFFINE)
 _MARGIN_PX = 24
 """What is looked at beyond the square: where something else begins, and motion of the sample frames [px]."""
 _SIGHT_PX = 30
 """Half a side within which a point's motion is looked for, however small its square [px]."""
-_FAILED = 0.2
-"""Largest share of the sample frames in which a warp may fail to converge."""
 _SAME_PX = 0.005
 """Standard deviations this close are the same: the higher order is then taken, which is wrong about less [px]."""
 
@@ -46,8 +43,8 @@ class SubsetChoice:
     design
         Size, warp and believed pixels; ``None`` where the point is refused.
     std_px
-        Expected standard deviation of one frame, in the best and in the worst direction, shape (2,) [px]; that of the
-        noise between the frames, without what a codec makes of a whole surface.
+        Expected standard deviation of one frame, in the best and in the worst direction, shape (2,) [px], from noise
+        and from how halves of the subset disagree; without what a codec makes of a whole surface alike.
     direction
         Unit vector (u, v) of the best direction, shape (2,).
     believed
@@ -80,17 +77,19 @@ def choose_subset(frames: LumaArray, offset: FloatArray, sizes: Sequence[int]) -
     """
     window = Window(_middle(frames, sizes[-1] // 2 + _MARGIN_PX))
     belief = find_belief(window, max(sizes[0] // 2, _SIGHT_PX))
-    best = _choose_warp(window, belief, frames, offset, sizes[0])
+    trial = Trial(frames, offset, belief.motion)
+    best = _choose_warp(window, belief, trial, sizes[0])
     for size in sizes[1:]:
         if best.design is not None and best.design.warp != Warp.EDGE and best.std_px[1] < _GOOD_STD_PX:
             break
-        found = _choose_warp(window, belief, frames, offset, size)
-        if _measures_more(found, best) or found.std_px[0] < _WORTH * best.std_px[0]:
+        found = _choose_warp(window, belief, trial, size)
+        direction = 1 if np.isfinite(best.std_px[1]) and best.design is not None else 0
+        if _measures_more(found, best) or found.std_px[direction] < _WORTH * best.std_px[direction]:
             best = found
     return best if best.design is not None else replace(best, nearest=_find_nearest(frames, sizes[0]))
 
 
-def _choose_warp(window: Window, belief: Belief, frames: LumaArray, offset: FloatArray, size: int) -> SubsetChoice:
+def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> SubsetChoice:
     """The best warp of a square of one size."""
     part = _square(belief.believed.shape[0], size)
     std, directions = square_std(window, belief, part)
@@ -98,67 +97,49 @@ def _choose_warp(window: Window, belief: Belief, frames: LumaArray, offset: Floa
     refused = SubsetChoice(None, std, directions[0], share, PointStatus.NO_TEXTURE, np.full(2, np.nan))
     if not std[0] <= USABLE_STD_PX or np.count_nonzero(belief.believed & part) < FEWEST_BELIEVED_PX:
         return refused
-    if std[1] <= USABLE_STD_PX:
-        clean = belief.believed & ~find_false_corners(window, belief.against)
-        mask = _cut_mask(clean, size)
-        if np.count_nonzero(mask) >= FEWEST_BELIEVED_PX:
-            kinds = [SubsetDesign(size, warp, None, mask, _LINEAR_STD) for warp in _FULL if warp != Warp.AFFINE]
-            found = _try_designs([*kinds, SubsetDesign(size, Warp.AFFINE, None, mask)], belief, frames, offset)
-            chosen = _least_error(found)
-            if chosen is not None:
-                design, covariance = chosen
-                values, axes = np.linalg.eigh(covariance)
-                if values[1] <= USABLE_STD_PX**2:
-                    return replace(
-                        refused,
-                        design=_bare(design),
-                        std_px=np.sqrt(values),
-                        direction=axes[:, 0],
-                        status=PointStatus.OK,
-                    )
+    clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
+    if std[1] <= USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
+        tried = _try_warps(trial, size, clean)
+        if tried is not None:
+            design, covariance = tried
+            values, axes = np.linalg.eigh(covariance)
+            if values[1] <= USABLE_STD_PX**2:
+                return _accept(refused, design, np.sqrt(values), axes[:, 0])
     across = directions[0]
     edge = SubsetDesign(size, Warp.EDGE, across, _cut_mask(belief.believed, size), _LINEAR_STD)
-    found = _try_designs([edge], belief, frames, offset)
-    if found and across @ found[0][1] @ across <= USABLE_STD_PX**2:
-        tried = float(np.sqrt(across @ found[0][1] @ across))
-        return replace(refused, design=_bare(edge), std_px=np.array([tried, np.inf]), status=PointStatus.OK)
-    return refused
+    stated = trial.covariance(edge)
+    if stated is None:
+        return refused
+    variance = max(float(across @ stated @ across), float(across @ trial.spread(edge) @ across))
+    if variance > USABLE_STD_PX**2:
+        return refused
+    return _accept(refused, edge, np.array([np.sqrt(variance), np.inf]), across)
 
 
-def _try_designs(
-    designs: list[SubsetDesign], belief: Belief, frames: LumaArray, offset: FloatArray
-) -> list[tuple[SubsetDesign, FloatArray]]:
-    """Those designs that converge in the sample frames, each with its middle covariance (2, 2) [px2]."""
-    middle = frames.shape[1] // 2
-    point = middle + offset
-    bank = SubsetBank.prepare(frames[0], np.tile(point, (len(designs), 1)), designs=designs)
-    rows = np.arange(len(designs))
-    start = np.tile([middle, middle, 1.0, 0.0, 0.0, 1.0], (len(designs), 1))
-    covariances = []
-    for frame, motion in zip(frames[1:], belief.motion, strict=True):
-        moved = start.copy()
-        moved[:, :2] += motion
-        covariances.append(bank.interpret(bank.run(frame, rows, moved)).covariance)
-    of_designs = np.stack(covariances, axis=1)
-    found = []
-    for design, covariance in zip(designs, of_designs, strict=True):
-        known = np.isfinite(covariance).all(axis=(1, 2))
-        if np.mean(known) >= 1 - _FAILED:
-            found.append((design, np.median(covariance[known], axis=0)))
-    return found
+def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, direction: FloatArray) -> SubsetChoice:
+    """The choice of a design; a mask that masks nothing is none."""
+    if design.mask is not None and design.mask.all():
+        design = replace(design, mask=None)
+    return replace(refused, design=design, std_px=std_px, direction=direction, status=PointStatus.OK)
 
 
-def _least_error(found: list[tuple[SubsetDesign, FloatArray]]) -> tuple[SubsetDesign, FloatArray] | None:
-    """The design with the least expected mean square error; of those that are as good, the one of the highest order."""
+def _try_warps(trial: Trial, size: int, mask: BoolArray) -> tuple[SubsetDesign, FloatArray] | None:
+    """The warp with the least expected mean square error, and that error as a covariance (2, 2) [px2].
+
+    Of those that are as good, the one of the highest order; ``None`` where none converges.
+    """
+    omitted = float(np.hypot(_LINEAR_STD, trial.linear_std(size, mask)))
+    orders = (Warp.TRANSLATION, omitted), (Warp.SIMILARITY, omitted), (Warp.AFFINE, 0.0)
+    designs = [SubsetDesign(size, warp, None, mask, left_out) for warp, left_out in orders]
+    found = [(design, stated) for design in designs if (stated := trial.covariance(design)) is not None]
     if not found:
         return None
-    errors = [float(np.trace(covariance)) for _, covariance in found]
-    return [one for one, error in zip(found, errors, strict=True) if error <= min(errors) + _SAME_PX**2][-1]
-
-
-def _bare(design: SubsetDesign) -> SubsetDesign:
-    """The design, without a mask that masks nothing."""
-    return replace(design, mask=None) if design.mask is not None and design.mask.all() else design
+    errors = [float(np.trace(stated)) for _, stated in found]
+    good = [one for one, error in zip(found, errors, strict=True) if error <= min(errors) + _SAME_PX**2]
+    design, stated = good[-1]
+    values, axes = np.linalg.eigh(stated)
+    seen = np.einsum("ia,ij,ja->a", axes, trial.spread(design), axes)
+    return design, np.asarray((axes * np.maximum(values, seen)) @ axes.T)
 
 
 def _measures_more(found: SubsetChoice, before: SubsetChoice) -> bool:

@@ -15,7 +15,10 @@ SOFT_PX = 0.6
 _BLOCK_PX = 9
 """Side of the blocks that are held to move as one."""
 _ROUNDING = 1 / 12
-"""Variance of rounding to whole grey levels: no image has less noise."""
+"""Variance of rounding to whole grey levels."""
+_CODED = 0.25
+"""Least variance that a softened pixel is held to have [squared grey levels]: half a grey level. A codec that repeats
+what it coded once shows less from frame to frame, and what it repeats is noise."""
 _USABLE_PX = 0.3
 """Standard deviation of one frame's motion in a direction above which it is left as it is [px]."""
 _WEAKEST = 0.01
@@ -117,7 +120,7 @@ class Window:
                 trial = np.clip(trial, -_REACH_PX, _REACH_PX).astype(np.float32)
             if best is not None:
                 left += best
-        noise = np.maximum(left / (2 * self.count), _ROUNDING * kept_noise()).astype(np.float32)
+        noise = np.maximum(left / (2 * self.count), _CODED).astype(np.float32)
         return further, noise
 
     def register(self, weights: Image, noise: Image, start: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,109 @@
+"""Injection in all views, and tracks at the size that the injected motion shows to be right."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.progress import Progress
+from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.tracking.base import Tracker
+from vfm_sdm.stages.tracking.design.choice import SubsetChoice
+from vfm_sdm.stages.tracking.injection.inject import inject
+
+__all__ = ["correct_tracks", "inject_views"]
+
+_SIGNIFICANT = 2.0
+"""Standard deviations by which a gain must differ from 1 to be corrected."""
+
+
+def inject_views(
+    videos: Mapping[str, Video],
+    tracks: Mapping[str, xr.Dataset],
+    tracker: Tracker,
+    *,
+    subsets: Mapping[str, Mapping[str, SubsetChoice]],
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Gain and noise of all points in all views, as `inject` finds them.
+
+    Parameters
+    ----------
+    videos, tracks
+        Recordings, and tracks of shape (T, P, 2) [px], by view.
+    tracker
+        Tracker that the tracks come from.
+    subsets
+        What the subset of each point compares, by view and point; empty for trackers that have none to design.
+    progress
+        Called with the view.
+
+    Returns
+    -------
+    found
+        The variables of `inject`, with a leading dim ``view``.
+    """
+    found = []
+    for number, (view, video) in enumerate(videos.items()):
+        if progress is not None:
+            progress("injection", number, len(videos))
+        designs = {name: choice.design for name, choice in subsets.get(view, {}).items()}
+        found.append(inject(video, tracks[view], tracker, designs=designs or None))
+    return xr.concat(found, dim="view").assign_coords(view=list(videos))
+
+
+def correct_tracks(tracks: Mapping[str, xr.Dataset], found: xr.Dataset | None) -> dict[str, xr.Dataset]:
+    """Tracks whose motion is divided by its gain where that is certain; what is left is said of each point.
+
+    Parameters
+    ----------
+    tracks
+        Tracks by view, shape (T, P, 2) [px].
+    found
+        Gains, see `inject_views`; ``None`` where nothing was injected.
+
+    Returns
+    -------
+    corrected
+        The tracks with the variables of ``found``, and with ``gain_left_std`` (point, direction) [1]: relative standard
+        deviation of the gain that the motion in these tracks has; NaN where it is not known.
+
+    Notes
+    -----
+    Where a gain differs from 1 by more than two of its standard deviations, motion since the first frame is divided by
+    it, and covariances with it. Elsewhere the loss that may be there counts as uncertainty.
+    """
+    if found is None:
+        return dict(tracks)
+    return {view: _correct(of_view, found.sel(view=view, drop=True)) for view, of_view in tracks.items()}
+
+
+def _correct(tracks: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+    gain, std = found["injected_gain"].values, found["injected_gain_std"].values
+    certain = np.isfinite(gain) & (gain > 0) & (np.abs(1 - gain) > _SIGNIFICANT * std)
+    factor = np.where(certain, 1 / np.where(certain, gain, 1.0), 1.0)
+    left = np.where(certain, std * factor, np.hypot(1 - gain, std))
+    directions = found["injected_direction"].values
+    A = np.einsum("pki,pk,pkj->pij", directions, factor, directions)
+    position, covariance = tracks["position"].values, tracks["position_covariance"].values
+    start = _first_known(position)
+    values: dict[str, Any] = {
+        "position": start + np.einsum("pij,tpj->tpi", A, position - start),
+        "position_covariance": np.einsum("pij,tpjk,plk->tpil", A, covariance, A),
+    }
+    unchanged = ~certain.any(axis=1)
+    corrected = tracks.copy()
+    for name, data in values.items():
+        data[:, unchanged] = tracks[name].values[:, unchanged]  # to the last bit
+        corrected[name] = tracks[name].copy(data=data)
+    return corrected.assign({name: found[name] for name in found.data_vars}).assign(
+        gain_left_std=(("point", "direction"), left, {"units": "1"})
+    )
+
+
+def _first_known(position: FloatArray) -> FloatArray:
+    """First position of each point, shape (P, 2) [px]; NaN for a point that is never seen."""
+    known = np.isfinite(position).all(axis=2)
+    return np.asarray(position[known.argmax(axis=0), np.arange(position.shape[1])])
