@@ -15,7 +15,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.files import file_fingerprint
-from vfm_sdm.core.netcdf import read_dataset, read_tracks, write_dataset, write_points, write_tracks
+from vfm_sdm.core.netcdf import read_tracks, write_points, write_tracks
 from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.core.progress import Progress
@@ -37,7 +37,7 @@ from vfm_sdm.stages.displacement.stereo import compute_displacement
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
 from vfm_sdm.stages.synchronize import synchronize_tracks
 from vfm_sdm.stages.tracking.base import DesignedTracker
-from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
+from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views, read_injection, write_injection
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
 from vfm_sdm.stages.tracking.track_noise import include_static_noise
 from vfm_sdm.stages.tracking.views import track_views
@@ -57,15 +57,6 @@ def _write_cameras(path: Path, solution: CameraSolution, marks: Mapping[str, str
 
 def _write_tracks(path: Path, tracks: Mapping[str, xr.Dataset], marks: Mapping[str, str]) -> None:
     write_tracks(path.parent, {view: of_view.assign_attrs(key=marks["key"]) for view, of_view in tracks.items()})
-
-
-def _read_injection(path: Path) -> tuple[xr.Dataset, str]:
-    found = read_dataset(path, lambda dataset: dataset, kind="injection", command="vfm-sdm measure")
-    return found, str(found.attrs.pop("key", ""))
-
-
-def _write_injection(path: Path, found: xr.Dataset, marks: Mapping[str, str]) -> None:
-    write_dataset(path, found.assign_attrs(key=marks["key"]))
 
 
 def _write_points(path: Path, points: xr.Dataset, marks: Mapping[str, str]) -> None:
@@ -169,7 +160,6 @@ class Measurement(Chain[Session]):
     )
     def expectation(self, session: Session) -> dict[str, xr.Dataset]:
         """What named pixels should measure and how well, by view, before anything else is known of them."""
-        self._say("expectation")
         named: dict[str, dict[str, FloatArray]] = {}
         for point in session.point:
             for view, pixel in {point.view: point.pixel, **point.pixel_in}.items():
@@ -180,7 +170,6 @@ class Measurement(Chain[Session]):
     @product(needs=("recordings", "points"), parts=("trackers",))
     def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
         """What the subset of every point compares, by view and point; empty for trackers that compare none."""
-        self._say("subsets")
         found = {}
         for view in self.points["view"].values.tolist():
             position = self.points["position"].sel(view=view)
@@ -204,35 +193,27 @@ class Measurement(Chain[Session]):
         reads=("method.injection",),
         needs=("recordings", "tracks", "subsets"),
         parts=("trackers",),
-        kept=Kept("injection.nc", _read_injection, _write_injection),
+        kept=Kept("injection.nc", read_injection, write_injection),
     )
     def injection(self, session: Session) -> xr.Dataset | None:
-        """Gain and noise of every point, by motion put into the recordings; ``None`` where it was not asked for.
-
-        Tracks of another program are taken as they are.
-        """
+        """Gain and noise of every point, by motion put into the recordings; ``None`` where not asked for."""
         if not session.method.injection or "tracks" in self.were_given:
             return None
-        tracker = self.part("trackers")
-        return inject_views(self.recordings, self.tracks, tracker, subsets=self.subsets, progress=self._say)
+        return inject_views(self.recordings, self.tracks, self.part("trackers"), self.subsets, progress=self._say)
 
     @product(needs=("tracks", "injection"))
     def injected(self, session: Session) -> dict[str, xr.Dataset]:
-        """Tracks with their motion at its true size, where injection shows what is missing."""
+        """Tracks at their true size, where injection shows what is missing."""
         return correct_tracks(self.tracks, self.injection)
 
     # C: the cameras' own motion taken out, one clock, displacement.
 
     @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "injected"))
     def steady(self, session: Session) -> CameraMotion:
-        """Tracks without the motion of the cameras that static points show, and that motion.
-
-        What static points show beyond that is noise of every point.
-        """
+        """Tracks without the cameras' motion that static points show, and that motion; air adds to their covariance."""
         static = [p.name for p in session.point if p.static]
-        removed = static if session.method.camera_motion == "remove" else []
-        motion = steady_tracks(self.injected, self.cameras.rig, removed)
-        return replace(motion, tracks=include_static_noise(motion.tracks, static))
+        found = steady_tracks(self.injected, self.cameras.rig, static * (session.method.camera_motion == "remove"))
+        return replace(found, tracks=include_static_noise(found.tracks, static))
 
     @product(
         reads=(
@@ -423,6 +404,7 @@ class Measurement(Chain[Session]):
         keys = {name: (view, *place.tolist(), subset_px) for name, place in places.items()}
         missing = [name for name, key in keys.items() if key not in self._choices]
         if missing:
+            self._say(f"subsets {view}")
             points2d = np.array([places[name] for name in missing])
             found = design_subsets(self.recordings[view], points2d, missing, subset_px=subset_px)
             self._choices |= {keys[name]: choice for name, choice in zip(missing, found, strict=True)}

@@ -109,7 +109,7 @@ def test_the_summary_lets_a_reviewer_trace_the_figures(measured):
 
 def test_finished_stages_are_reused(recorded, measured):
     again = measure(read_session(recorded), measured[1])
-    assert again.summary["reused_stages"] == ["cameras", "tracking"]
+    assert again.summary["reused_stages"] == ["cameras", "tracking", "injection"]
     assert not {"cameras", "tracks"} & set(again.made)
     np.testing.assert_array_equal(again.displacement["displacement"], measured[0].displacement["displacement"])
 
@@ -129,7 +129,7 @@ def test_a_changed_setting_runs_only_what_depends_on_it(recording, tmp_path):
     measure(session, out)
     method = {**session.method.model_dump(), "still_interval_s": (0.0, 0.2)}
     again = measure(changed(session, method=method), out)
-    assert again.summary["reused_stages"] == ["cameras", "tracking"]
+    assert again.summary["reused_stages"] == ["cameras", "tracking", "injection"]
     assert again.displacement.attrs["relative_to"] == "mean of the still interval"
     method["tracker"] = "template"
     assert measure(changed(session, method=method), out).summary["reused_stages"] == ["cameras"]
@@ -139,13 +139,13 @@ def test_a_changed_setting_runs_only_what_depends_on_it(recording, tmp_path):
     "method", [{"tracker": "icgn"}, {"tracker": "template"}, {"tracker": "icgn", "cameras": "file"}]
 )
 def test_each_product_is_made_once_and_each_recording_decoded_once(recorded, tmp_path, monkeypatch, method):
-    """A first frame for cameras and points, and the one pass that these trackers need."""
+    """A first frame for cameras and points, a look of bounded length, and the one pass that these trackers need."""
     counted = count_passes(monkeypatch)
     session = read_session(recorded)
     chosen = session.model_copy(update={"method": session.method.model_copy(update=method)})
     result = measure(chosen, tmp_path / "run")
     assert result.displacement is not None
-    assert set(result.made) == set(Measurement.products())
+    assert set(result.made) == set(Measurement.products()) - {"expectation"}  # nobody asked for it
     assert set(result.made.values()) == {1}
     assert [len(of_each) for of_each in counted.values()] == [2, 2, 2]
     assert {count for of_each in counted.values() for count in of_each.values()} == {1}
@@ -520,4 +520,10 @@ class TestFilesOfARun:
             read_session(recorded), progress=lambda *step: said.append((step, measurement.session))
         )
         assert measurement.tracks
-        assert {step[0] for step, _ in said} == {"cameras", "tracking left", "tracking right"}
+        assert {step[0] for step, _ in said} == {
+            "cameras",
+            "subsets left",
+            "subsets right",
+            "tracking left",
+            "tracking right",
+        }

@@ -76,7 +76,8 @@ def measured_variance(covariance: FloatArray, across: FloatArray) -> FloatArray:
     Examples
     --------
     >>> post = np.diag([0.01, 1e6])
-    >>> measured_variance(np.stack([post, 0.01 * np.eye(2)]), np.array([[1.0, 0.0], [np.nan, np.nan]])).tolist()
+    >>> across = np.array([[1.0, 0.0], [np.nan, np.nan]])
+    >>> measured_variance(np.stack([post, 0.01 * np.eye(2)]), across).round(6).tolist()
     [0.01, 0.02]
     """
     both = np.einsum("...pii->...p", covariance)

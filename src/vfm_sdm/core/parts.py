@@ -253,6 +253,7 @@ _CHECKS = {
     "agreement": Part(_AUDIT + "geometry:check_agreement"),
     "synchronization": Part(_AUDIT + "clocks:check_synchronization"),
     "drift": Part(_AUDIT + "clocks:check_drift"),
+    "points": Part(_AUDIT + "tracks:check_points"),
     "tracked": Part(_AUDIT + "tracks:check_tracked"),
     "frozen": Part(_AUDIT + "tracks:check_frozen"),
     "slip": Part(_AUDIT + "tracks:check_slip"),

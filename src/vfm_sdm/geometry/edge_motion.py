@@ -130,7 +130,7 @@ class EdgePoint:
         return np.asarray(np.einsum("ij,vjl->ivl", covariance, weighted))
 
     def open_axes(self, covariance: FloatArray, axes: FloatArray, largest_share: float) -> BoolArray:
-        """Axes along which the prior says more than the pixels in half of the samples or more, shape (3,).
+        """Axes along which the pixels leave too much to the prior in half of the samples or more, shape (3,).
 
         Parameters
         ----------

@@ -9,6 +9,8 @@ from vfm_sdm.geometry.propagation import (
     compute_gain_covariance,
     compute_gain_sensitivity,
     compute_gain_std,
+    compute_place_covariance,
+    compute_place_sensitivity,
     compute_position_covariance,
     triangulation_jacobian,
 )
@@ -39,6 +41,29 @@ def test_camera_errors_become_the_scatter_of_gains():
     covariance[:20, :20] = np.diag(std**2)
     stated = compute_gain_std(compute_gain_sensitivity(u, rig), np.eye(3), covariance)[0]
     np.testing.assert_allclose(np.diag(stated), np.std(errors, axis=0), rtol=0.08)
+
+
+def test_errors_of_the_place_become_the_scatter_of_gains():
+    """Both pictures of a small motion are moved aside: as where something beside the point was found."""
+    rig, rng = simple_rig(distortion=True), np.random.default_rng(2)
+    rest = project_all(rig, POINT[None])
+    std, motions = np.array([[0.0, 0.0], [12.0, 3.0]]), 1e-3 * np.eye(3)
+    moved = [project_all(rig, (POINT + motion)[None]) for motion in motions]
+    errors = []
+    for _ in range(1500):
+        off = (rng.normal(0, 1, (2, 2)) * std)[:, None]
+        seen = [triangulate(u + off, rig)[0] - triangulate(rest + off, rig)[0] for u in moved]
+        errors.append(np.stack(seen, axis=1) / 1e-3 - np.eye(3))
+    changes = compute_place_sensitivity(rest, rig) * std.reshape(1, 4, 1, 1)
+    stated = np.sqrt(np.einsum("abb->ab", compute_place_covariance(changes, np.eye(3))[0]))
+    scatter = np.std(errors, axis=0)
+    np.testing.assert_allclose(stated, scatter, rtol=0.1, atol=0.02 * scatter.max())
+    turn = Rotation.from_rotvec([0.1, 0.7, -0.2]).as_matrix()
+    turned = compute_place_covariance(changes, turn, refinement_gain=2 * np.eye(3)[None])[0]
+    gains = np.einsum("ai,nij,bj->nab", turn, np.array(errors), turn)
+    np.testing.assert_allclose(
+        np.sqrt(np.einsum("abb->ab", turned)), 2 * gains.std(axis=0), rtol=0.1, atol=0.04 * scatter.max()
+    )
 
 
 def test_one_per_cent_of_focal_length_costs_a_few_per_cent_of_depth():

@@ -16,7 +16,8 @@ from av.bitstream import BitStreamFilterContext
 from av.sidedata.encparams import VideoEncParams
 from av.sidedata.sidedata import SideData
 
-from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray, mean_of_known
+from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.decoder import open_stream
 from vfm_sdm.inputs.video.luma import luma_plane
 from vfm_sdm.inputs.video.reader import Video
@@ -83,7 +84,7 @@ class CodedClip:
         )
         last_row = max(-(-(region.y + region.height) // BLOCK_PX), first_row + 1)
         last_column = max(-(-(region.x + region.width) // BLOCK_PX), first_column + 1)
-        return np.asarray(self.quantisers[:, first_row:last_row, first_column:last_column].mean(axis=(1, 2)))
+        return mean_of_known(self.quantisers[:, first_row:last_row, first_column:last_column], axis=(1, 2))
 
 
 def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> CodedClip | None:
@@ -112,7 +113,7 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
     quantisers: list[npt.NDArray[np.float32] | None] = []
     crops: list[list[LumaArray]] = [[] for _ in regions]
     encoder, first = "", None
-    with suppress(av.FFmpegError), open_stream(path) as (container, stream):
+    with suppress(av.FFmpegError, VideoError), open_stream(path) as (container, stream):
         stream.codec_context.options = {"export_side_data": "venc_params"}
         for picture in container.decode(stream):
             types.append(int(picture.pict_type))
@@ -167,7 +168,9 @@ def _read_quantisers(picture: av.VideoFrame) -> npt.NDArray[np.float32] | None:
             params = cast("VideoEncParams", data)
             blocks = np.frombuffer(bytes(data), np.int32, offset=params.blocks_offset).reshape(params.nb_blocks, -1)
             columns = int(np.count_nonzero(blocks[:, 1] == blocks[0, 1]))
-            return (params.qp + blocks[:, _DELTA]).reshape(-1, columns).astype(np.float32)
+            found = (params.qp + blocks[:, _DELTA]).reshape(-1, columns).astype(np.float32)
+            # Blocks of pictures without any difference from their prediction have none.
+            return np.where(found > 0, found, np.float32(np.nan))
     return None
 
 

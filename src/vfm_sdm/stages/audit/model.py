@@ -175,16 +175,30 @@ class AuditInputs:
     @property
     def moving(self) -> list[str]:
         """Names of the points on the structure, without those that were refused before tracking."""
-        return [p.name for p in self.session.point if not (p.static or self._is_refused(p.name))]
+        return [p.name for p in self.session.point if not (p.static or p.name in self.refused)]
 
-    def _is_refused(self, point: str) -> bool:
-        """Whether a point has a subset in less than two views, or in one of one."""
-        tracks = self.given.get("tracks")
-        if not isinstance(tracks, Mapping):
-            return False
-        views = [one for one in tracks.values() if "subset_status" in one and point in one["point"].values]
-        refused = [one["subset_status"].sel(point=point).item() == PointStatus.NO_TEXTURE for one in views]
-        return any(refused) and len(tracks) - sum(refused) < min(2, len(tracks))
+    @property
+    def refused(self) -> dict[str, str]:
+        """Points that were known before tracking not to be measured, and why: fewer than two views have them."""
+        needed = min(2, len(self.session.view))
+        faults: dict[str, list[str]] = {}
+        for point in (p.name for p in self.session.point):
+            found = [self._fault(view.name, point) for view in self.session.view]
+            if sum(not fault for fault in found) < needed:
+                faults[point] = [fault for fault in found if fault]
+        return {point: "; ".join(dict.fromkeys(found)) for point, found in faults.items()}
+
+    def _fault(self, view: str, point: str) -> str:
+        """Why a view does not have a point; empty where it does, or where nobody knows."""
+        cameras, tracks = (self.given.get(name) for name in ("cameras", "tracks"))
+        status = PointStatus.OK.value
+        if isinstance(cameras, CameraSolution) and view in cameras.points["view"].values:
+            status = cameras.points["status"].sel(view=view, point=point).item()
+        if status == PointStatus.OK and isinstance(tracks, Mapping):
+            one = tracks.get(view)
+            if isinstance(one, xr.Dataset) and "subset_status" in one and point in one["point"].values:
+                status = one["subset_status"].sel(point=point).item() or PointStatus.OK.value
+        return "" if status == PointStatus.OK else f"{status} in view {view!r}"
 
     @property
     def static(self) -> list[str]:

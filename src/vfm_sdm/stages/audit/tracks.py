@@ -15,12 +15,14 @@ __all__ = [
     "check_camera_motion",
     "check_frozen",
     "check_halves",
+    "check_points",
     "check_slip",
     "check_stabilization",
     "check_static_points",
     "check_tracked",
 ]
 
+_REFUSED_CAUTION, _REFUSED_FAIL = 1e-9, 0.99
 _MISSING_CAUTION, _MISSING_FAIL = 0.05, 0.5
 _FROZEN_S = 0.2
 """Shortest run of unchanged positions that counts [s]."""
@@ -40,6 +42,21 @@ _NO_STATIC = (
     "no point that must not move was named and found: a tripod that moves looks like a structure that moves. Name two "
     "on an abutment or behind the structure (static = true)"
 )
+
+
+def check_points(inputs: AuditInputs) -> AuditCheck:
+    """Share of the points on the structure that were known before tracking not to be measured [1]."""
+    asked = [p.name for p in inputs.session.point if not p.static]
+    refused = {name: why for name, why in inputs.refused.items() if name in asked}
+    share = len(refused) / len(asked) if asked else 0.0
+    named = "; ".join(f"{name}: {why}" for name, why in refused.items())
+    return judge(
+        "points refused",
+        {named: share},
+        Limits(_REFUSED_CAUTION, _REFUSED_FAIL, "1"),
+        good="every point of the structure can be followed",
+        bad="not measured, as was said before tracking: {}; name other places, or their places in the other view",
+    )
 
 
 def check_tracked(inputs: AuditInputs) -> AuditCheck:
@@ -228,9 +245,10 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
             one = tracks.sel(point=point)
             apart = one["half_difference"].values
             known = np.isfinite(apart).all(axis=1)
+            if "half_covariance" in one:
+                known &= np.isfinite(one["half_covariance"].values).all(axis=(1, 2))
             if known.sum() > 10 and motion[number] > 0:
-                # Both halves have twice the standard deviation of the whole each.
-                noise = 8.0 * NOISE_TRUST**2 * float(_compute_noise(one))
+                noise = NOISE_TRUST**2 * _compute_noise_of_halves(one)
                 excess = max(float(apart[known].var(axis=0).sum()) - noise, 0.0)
                 found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
     return judge(
@@ -267,6 +285,15 @@ def _find_moving(track: xr.Dataset) -> BoolArray:
 def _compute_noise(track: xr.Dataset) -> float:
     """Mean stated variance of a track, u and v together or across an edge [px2]."""
     covariance = track["position_covariance"].values[:, None]
+    return float(mean_of_known(measured_variance(covariance, edges_across(track)[None]))[0])
+
+
+def _compute_noise_of_halves(track: xr.Dataset) -> float:
+    """Mean stated variance of the difference of a subset's halves, u and v together or across an edge [px2]."""
+    # Where it is not stated, both halves have twice the standard deviation of the whole each.
+    if "half_covariance" not in track:
+        return 8.0 * _compute_noise(track)
+    covariance = track["half_covariance"].values[:, None]
     return float(mean_of_known(measured_variance(covariance, edges_across(track)[None]))[0])
 
 

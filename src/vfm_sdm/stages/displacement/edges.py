@@ -22,8 +22,9 @@ _ALIKE = 1.5
 """How much more than the points that are seen whole an edge may move along an axis: these need not be at mid-span."""
 _STILLEST = 0.1
 """No axis is stiller than this share of the liveliest: that of refined points is so by assumption."""
-OPEN_SHARE = 0.5
-"""Share of the prior's variance from which on an axis counts as not measured."""
+OPEN_SHARE = 0.1
+"""Share of the prior's variance that pixels may leave; with more, an axis counts as not measured: by this share motion
+comes out too small, because the prior draws it to zero."""
 _MOVING = 3.0
 """Standard deviations of its noise from which on a point is seen to move (root mean square)."""
 _FEWEST_SAMPLES = 10
@@ -73,7 +74,7 @@ class SolvedEdges:
     places
         Their position of reference, shape (3,) each [length unit of the rig].
     not_measured
-        Axes along which the prior says more than the pixels, shape (3,) each.
+        Axes along which the pixels leave too much to the prior, shape (3,) each.
     rotation
         Rows are the axes of the result in the first camera's frame, shape (3, 3) [1].
     """

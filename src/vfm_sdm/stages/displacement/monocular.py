@@ -84,8 +84,8 @@ def compute_planar_displacement(
     This is the paper's monocular method. It holds only for motion parallel to the image plane, at the distance of the
     known length. The standard deviation is that of the positions, without that of the factor. Positions in space and
     reprojection errors are NaN, because one view does not know them. Of a point that is seen across an edge only, the
-    motion along the edge counts as any of `vfm_sdm.stages.displacement.edges.UNKNOWN_MOTION_M`; an axis of which that
-    makes out more than half is NaN.
+    motion along the edge counts as any of `vfm_sdm.stages.displacement.edges.UNKNOWN_MOTION_M`; an axis that it
+    leaves a tenth of its variance is NaN.
 
     Examples
     --------
@@ -102,10 +102,9 @@ def compute_planar_displacement(
     position = tracks["position"].values
     valid = np.isfinite(position).all(axis=2)
     origin = find_origin(position, valid, tracks["time"].values, still_interval_s)
-    unknown_px = UNKNOWN_MOTION_M * 1e3 / mm_per_px
-    variance = _find_variance(tracks, unknown_px)
-    moved = np.where(variance > OPEN_SHARE * unknown_px**2, np.nan, position - origin)
-    variance = np.where(np.isnan(moved), np.nan, variance)
+    variance = _find_variance(tracks, UNKNOWN_MOTION_M * 1e3 / mm_per_px)
+    not_measured = find_edges(tracks)[:, None] & np.isnan(variance)
+    moved = np.where(not_measured, np.nan, position - origin)
     frames, points, axes = position.shape
     return make_displacement(
         tracks["time"].values,
@@ -128,7 +127,7 @@ def compute_planar_displacement(
 
 
 def _find_variance(tracks: xr.Dataset, unknown_px: float) -> FloatArray:
-    """Variance of the positions along u and v, shape (T, P, 2) [px2]; along an edge that of unknown motion."""
+    """Variance of the positions along u and v, shape (T, P, 2) [px2]; NaN along an axis that an edge leaves open."""
     covariance = tracks["position_covariance"].values
     variance = np.einsum("tpkk->tpk", covariance)
     across, edge = edges_across(tracks), find_edges(tracks)
@@ -137,6 +136,7 @@ def _find_variance(tracks: xr.Dataset, unknown_px: float) -> FloatArray:
     along = np.stack([-across[:, 1], across[:, 0]], axis=-1)
     stated = judged_std(covariance, across) ** 2
     of_edge = stated[..., None] * across**2 + unknown_px**2 * along**2
+    of_edge = np.where(of_edge > OPEN_SHARE * unknown_px**2, np.nan, of_edge)
     return np.where(edge[:, None], of_edge, variance)
 
 

@@ -102,8 +102,8 @@ def compute_displacement(
 
     A point that a view sees across an edge only (``edge_across`` of the tracks) is solved by weighted least squares
     about its position of reference, with a weak prior on its motion (`vfm_sdm.stages.displacement.edges.state_prior`):
-    its standard deviation says along which axes it is measured, and how well; where the prior would say more than the
-    pixels, displacement is NaN.
+    its standard deviation says along which axes it is measured, and how well; where the pixels leave a tenth of the
+    prior's variance or more, displacement is NaN.
 
     Examples
     --------

@@ -9,6 +9,7 @@ import xarray as xr
 from scipy.stats import norm
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.core.covariances import edges_across
 from vfm_sdm.core.datasets import Status, check_displacement, check_tracks
 from vfm_sdm.errors import DatasetError
 
@@ -186,8 +187,7 @@ def _compute_compression_std(displacement: xr.Dataset, tracks: xr.Dataset, input
 def _is_gain_known(tracks: xr.Dataset) -> BoolArray:
     """Whether injection measured all gains of a point, shape (P,); along an edge there is none to measure."""
     known = np.isfinite(tracks["gain_left_std"].values)
-    if "edge_across" in tracks:
-        known[..., 1] |= np.isfinite(tracks["edge_across"].values).all(axis=-1)
+    known[..., 1] |= np.isfinite(edges_across(tracks)).all(axis=-1)
     return np.asarray(known.all(axis=(0, 2)))
 
 

@@ -14,6 +14,10 @@ UNKNOWN_STD = 0.01
 some mrad of rotation at the fields of view in use."""
 _MODEL_STD_PX = 1.0
 """What a lens model leaves out [px]."""
+_LARGEST_STEP = 0.05, 50.0, 50.0, 0.05, 0.02, 0.02, 0.02
+"""Changes of log focal length, principal point [px], k1 and rotation [rad] over which pixels are nearly linear."""
+_LARGEST_SHIFT = 0.05
+"""The same of a camera's place, in baselines."""
 _DEVIATIONS = 4.0
 _BEYOND = 2.0
 """Factor by which the line goes on beyond the depths that were asked for."""
@@ -49,12 +53,20 @@ class EpipolarBand:
         >>> band.holds(np.array([[1.2, 6.0], [1.2, 9.0]])).tolist()
         [True, False]
         """
-        apart = np.linalg.norm(places[:, None] - self.line[None], axis=2)
-        return np.asarray(apart.min(axis=1, initial=np.inf) <= self.half_width)
+        if not len(self.line):
+            return np.zeros(len(places), dtype=bool)
+        nearest = np.linalg.norm(places[:, None] - self.line[None], axis=2).argmin(axis=1)
+        along = np.gradient(self.line, axis=0)[nearest]
+        spacing = np.maximum(np.linalg.norm(along, axis=1), 1e-12)
+        apart = places - self.line[nearest]
+        across = np.abs(along[:, 0] * apart[:, 1] - along[:, 1] * apart[:, 0]) / spacing
+        # Between two samples only the distance across counts, past an end all of it.
+        beyond = np.maximum(np.abs(np.einsum("ni,ni->n", along, apart)) / spacing - spacing, 0.0)
+        return np.asarray(np.hypot(across, beyond) <= self.half_width)
 
 
-def camera_steps(rig: Rig, views: tuple[int, int]) -> list[FloatArray]:
-    """Independent steps of the parameters of two cameras, each one standard deviation long.
+def camera_steps(rig: Rig, views: tuple[int, int]) -> list[tuple[FloatArray, float]]:
+    """Independent steps of the parameters of two cameras, and how many standard deviations each is long.
 
     Parameters
     ----------
@@ -66,14 +78,22 @@ def camera_steps(rig: Rig, views: tuple[int, int]) -> list[FloatArray]:
     Returns
     -------
     steps
-        Changes of the parameters of both cameras, shape (20,) each, in the units of `CAMERA_PARAMETERS`.
+        Changes of the parameters of both cameras, shape (20,), in the units of `CAMERA_PARAMETERS`, and their length in
+        standard deviations [1]: 1, or less where this would move a camera beyond what is linear.
     """
     if rig.covariance is None:
         return []
     size = len(CAMERA_PARAMETERS)
     places = np.concatenate([np.arange(size * v, size * (v + 1)) for v in views])
     variances, vectors = np.linalg.eigh(rig.covariance[np.ix_(places, places)])
-    return [np.sqrt(v) * vector for v, vector in zip(variances, vectors.T, strict=True) if v > 0]
+    largest = np.tile([*_LARGEST_STEP, *[_LARGEST_SHIFT * rig.baseline(*views)] * 3], 2)
+    found = []
+    for variance, vector in zip(variances, vectors.T, strict=True):
+        if variance > 0:
+            step = np.sqrt(variance) * vector
+            length = min(1.0, float((largest / np.maximum(np.abs(step), 1e-300)).min()))
+            found.append((length * step, length))
+    return found
 
 
 def epipolar_band(point: FloatArray, rig: Rig, views: tuple[int, int], depths: tuple[float, float]) -> EpipolarBand:
@@ -107,12 +127,13 @@ def epipolar_band(point: FloatArray, rig: Rig, views: tuple[int, int], depths: t
     if rig.covariance is None:
         variance += (UNKNOWN_STD * second.image_size[0]) ** 2
     size = len(CAMERA_PARAMETERS)
-    for step in camera_steps(rig, views):
+    for step, length in camera_steps(rig, views):
         one, other = (
             _project_ray(point, first.perturbed(sign * step[:size]), second.perturbed(sign * step[size:]), middle)[0]
             for sign in (1, -1)
         )
-        variance += float((one - other) @ across / 2) ** 2
+        change = float((one - other) @ across / (2 * length))
+        variance += change**2 if np.isfinite(change) else np.inf
     return EpipolarBand(line, _DEVIATIONS * float(np.sqrt(variance)))
 
 

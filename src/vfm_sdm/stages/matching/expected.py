@@ -25,6 +25,9 @@ _LEVEL_STD_DEG = 1.0
 """Standard deviation of pitch and roll without a level reading [deg]: a tripod head set by eye."""
 _MIDDLE_DEPTH = 6.0
 """Depth, in baselines, for which small planes are mapped where nothing else is known: angles of some ten degrees."""
+_LEAST_AREA = 0.1
+"""Area of a subset in the second view, over that in the first, below which they cannot be compared."""
+_FAR_OUTSIDE_PX = -1e6
 _DEPTHS = 0.7, 2.0
 """Depths of a point that need not lie on the face, over the depth of the face on its viewing ray."""
 
@@ -135,7 +138,7 @@ def expect_anywhere(points2d: FloatArray, rig: Rig, views: tuple[int, int]) -> E
         place = (np.append(first.normalize(point), 1.0) * depth - first.translation) @ first.rotation
         normals = TILTS @ first.rotation
         made = [_map_of_plane(point, first, second, normal, normal @ place) for normal in normals]
-        maps.append(np.stack([one for one in made if np.isfinite(one).all()] or [np.eye(2)]))
+        maps.append(np.stack([one for one in made if np.isfinite(one).all() and _is_map(one)] or [np.eye(2)]))
     nowhere = np.tile(np.nan * np.eye(2), (count, 1, 1))
     return Expected(np.full((count, 2), np.nan), np.zeros((count, 2, 0)), nowhere, tuple(maps))
 
@@ -174,6 +177,9 @@ def expect_on_face(
     half = np.where(on_face[:, None], (along[1] - along[0]) / 2, 0.0)
     for number in np.flatnonzero(~on_face):
         position[number], half[number] = _line_part(points2d[number], first, second, face)
+    # What the second camera cannot see is expected where its picture is not.
+    seen = np.isfinite(position).all(axis=1) & np.isfinite(half).all(axis=1) & np.isfinite(shared).all(axis=(1, 2))
+    position[~seen], half[~seen], shared[~seen] = _FAR_OUTSIDE_PX, 0.0, 0.0
     own = np.einsum("pi,pj->pij", half, half) + _MODEL_STD_PX**2 * np.eye(2)
     maps = tuple(
         _plane_maps(point, first, second, face, normals=1 if flat else 2)
@@ -196,19 +202,19 @@ def _shared_changes(points2d: FloatArray, rig: Rig, views: tuple[int, int], face
     """Change of the expected pixels with every shared quantity of unit variance, (P, 2, K) [px]."""
     size = len(CAMERA_PARAMETERS)
     both = Rig(tuple(rig.names[v] for v in views), tuple(rig.cameras[v] for v in views))
-    frame, distance = np.linalg.eigh(face.frame.covariance), face.distance_std
-    steps = [np.concatenate([step, np.zeros(4)]) for step in camera_steps(rig, views)]
-    for variance, axis in zip(frame[0], frame[1].T, strict=True):
+    steps = [(np.concatenate([step, np.zeros(4)]), length) for step, length in camera_steps(rig, views)]
+    variances, axes = np.linalg.eigh(face.frame.covariance)
+    for variance, axis in zip(variances, axes.T, strict=True):
         if variance > 0:
-            steps.append(np.concatenate([np.zeros(2 * size), np.sqrt(variance) * axis, [0.0]]))
-    steps.append(np.append(np.zeros(2 * size + 3), distance))
+            steps.append((np.concatenate([np.zeros(2 * size), np.sqrt(variance) * axis, [0.0]]), 1.0))
+    steps.append((np.append(np.zeros(2 * size + 3), face.distance_std), 1.0))
 
     def moved(step: FloatArray) -> FloatArray:
         one, other = both.perturbed(step[: 2 * size]).cameras
         turned = Rotation.from_rotvec(step[2 * size : 2 * size + 3]).as_matrix() @ face.frame.rotation
         return _through_plane(points2d, one, other, turned[0], np.full(len(points2d), face.distance + step[-1]))
 
-    changes = [(moved(step) - moved(-step)) / 2 for step in steps]
+    changes = [(moved(step) - moved(-step)) / (2 * length) for step, length in steps]
     if rig.covariance is None:
         spread = UNKNOWN_STD * rig.cameras[views[1]].image_size[0]
         changes += [np.tile(spread * axis, (len(points2d), 1)) for axis in np.eye(2)]
@@ -230,10 +236,16 @@ def _plane_maps(point: FloatArray, first: Camera, second: Camera, face: Face, *,
     ray = np.append(first.normalize(point), 1.0) @ first.rotation
     reach = (face.distance - face.frame.rotation[0] @ first.center) / (ray @ face.frame.rotation[0])
     place = first.center + reach * ray
-    return np.stack([_map_of_plane(point, first, second, axis, axis @ place) for axis in axes])
+    made = [_map_of_plane(point, first, second, axis, axis @ place) for axis in axes]
+    return np.stack([one for one in made if np.isfinite(one).all() and _is_map(one)] or [np.eye(2)])
 
 
 def _map_of_plane(point: FloatArray, first: Camera, second: Camera, normal: FloatArray, distance: float) -> FloatArray:
     beside = point + np.concatenate([np.eye(2), -np.eye(2)])
     seen = _through_plane(beside, first, second, normal, np.full(4, distance))
     return np.asarray((seen[:2] - seen[2:]).T / 2)
+
+
+def _is_map(affine: FloatArray) -> bool:
+    """Whether a map of offsets neither squeezes a subset flat nor blows it up."""
+    return bool(_LEAST_AREA < abs(np.linalg.det(affine)) < 1 / _LEAST_AREA)

@@ -7,7 +7,7 @@ import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
-from vfm_sdm.stages.matching.consistency import ABSENT, GATE, choose_consistent, condition
+from vfm_sdm.stages.matching.consistency import ABSENT, GATE, ODDS, choose_consistent, condition
 from vfm_sdm.stages.matching.correspondence import RETURN_PX, way_back
 from vfm_sdm.stages.matching.expected import Expected
 from vfm_sdm.stages.matching.points import NAMED_STD_PX
@@ -28,8 +28,6 @@ __all__ = ["Known", "Place", "place_points"]
 
 _SIZES_PX = 41, 21
 """Sides of the squares that are compared, beside that of the session: smaller ones hold less of what lies behind."""
-_ODDS = 3.0
-"""Difference of the values of two places, as the logarithm of odds of 20 to 1, that decides between them."""
 _SHARP_PX = 3.0
 """Standard deviation up to which a peak is a place that can be registered to a fraction of a pixel."""
 _VALLEY = 3.0
@@ -190,7 +188,7 @@ class _Search:
             return _nowhere(PointStatus.NOT_FOUND)
         values = [one.value for one in found]
         sure: list[tuple[FloatArray, FloatArray, float] | None] = [None] * len(found)
-        close = [k for k, value in enumerate(values) if value > values[0] - _ODDS][:_REGISTERED]
+        close = [k for k, value in enumerate(values) if value > values[0] - ODDS][:_REGISTERED]
         for k in close:
             if (at := self._register(index, found[k], mean, covariance)) is not None:
                 # A map is coarse: what resembles the point best shows once each place is registered.
@@ -198,7 +196,7 @@ class _Search:
         first = int(np.argmax(values))
         best, registered = found[first], sure[first]
         rivals = [(one, value - values[first]) for one, value in zip(found, values, strict=True) if one is not best]
-        rivals = [(one, value) for one, value in rivals if value > -_ODDS]
+        rivals = [(one, value) for one, value in rivals if value > -ODDS]
         if any(not self._is_same_place(index, best, rival) for rival, _ in rivals):
             return _nowhere(PointStatus.AMBIGUOUS, best.correlation)
         if registered is not None:

@@ -65,6 +65,8 @@ def named_points(session: Session, views: Sequence[str]) -> xr.Dataset:
     std = np.full((*shape, 2), np.nan)
     for number, point in enumerate(session.point):
         for view, pixel in point.pixel_in.items():
+            if view not in views:
+                continue
             there = views.index(view), number
             position[there], status[there], std[there] = pixel, PointStatus.OK, NAMED_STD_PX
         # The point is where it was named first: what it is called elsewhere is as exact as a click.

@@ -147,8 +147,8 @@ class IcgnTracker:
         xr.Dataset
             Tracks (see `vfm_sdm.core.datasets`) with ``correlation`` (time, point): ZNCC [1], and ``half_difference``
             (time, point, pixel): how far the right half of a subset moved beyond the left one [px], each tracked by
-            itself, in every fourth frame, else NaN. With designs also ``subset_px``, ``warp``, ``edge_across`` and
-            ``believed``.
+            itself, in every fourth frame, else NaN. With designs also ``half_covariance`` [px2] of
+            that difference, ``subset_px``, ``warp``, ``edge_across`` and ``believed``.
 
         Raises
         ------
@@ -190,7 +190,8 @@ class IcgnTracker:
         }
         tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
         if designs is not None:
-            tracks = tracks.assign(_describe(designs, across))
+            halves_covariance = (("time", "point", "pixel_a", "pixel_b"), halves.covariances(), {"units": "px2"})
+            tracks = tracks.assign(_describe(designs, across)).assign(half_covariance=halves_covariance)
         return tracks.assign(
             correlation=(("time", "point"), correlation, {"units": "1"}),
             half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}),

@@ -14,6 +14,8 @@ __all__ = ["SplitSubsets"]
 _LEAST_SIDE_PX = 11
 _EVERY = 4
 """Frames between two measurements: enough for a root mean square, at a small part of the tracking's cost."""
+_OFTEN = 0.8
+"""Share of the frames that show the whole in which both halves have to be found."""
 
 
 class SplitSubsets:
@@ -43,6 +45,8 @@ class SplitSubsets:
         if any(design is not None for design in designs):
             self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
         self._found: list[FloatArray] = []
+        self._covariances: list[FloatArray] = []
+        self._tried = np.zeros(len(whole), np.int64)
 
     def advance(self, luma: LumaArray, found: RawRegistration) -> None:
         """Takes the next frame, and where the whole subsets were found in it.
@@ -54,16 +58,29 @@ class SplitSubsets:
         found
             Registrations of the P whole subsets in it.
         """
-        difference = np.full((len(self._whole), 2), np.nan)
+        difference, covariance = np.full((len(self._whole), 2), np.nan), np.full((len(self._whole), 2, 2), np.nan)
         if self._bank is not None and len(self._found) % _EVERY == 0:
-            difference = self._measure(self._bank, luma, found)
+            difference, covariance = self._measure(self._bank, luma, found)
+            self._tried += found.converged
         self._found.append(difference)
+        self._covariances.append(covariance)
 
     def differences(self) -> FloatArray:
-        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked."""
-        return np.stack(self._found)
+        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked.
 
-    def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> FloatArray:
+        Halves of designed subsets that are often not found have too little to follow, and are NaN throughout.
+        """
+        found = np.stack(self._found)
+        if self._whole.designs is None:
+            return found
+        often = np.isfinite(found).all(axis=2).sum(axis=0) >= _OFTEN * self._tried
+        return np.where(often[:, None], found, np.nan)
+
+    def covariances(self) -> FloatArray:
+        """Covariances of these differences, shape (T, P, 2, 2) [px2]; NaN where the subsets were not designed."""
+        return np.stack(self._covariances)
+
+    def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> tuple[FloatArray, FloatArray]:
         affine = np.where(found.converged[:, None], found.warps[:, 2:], np.nan).reshape(-1, 2, 2)
         middle, step = self._whole.position(found.rows, found.warps), (affine @ self._apart[..., None])[..., 0]
         both = np.concatenate([affine, affine])
@@ -72,7 +89,10 @@ class SplitSubsets:
         raw = bank.run(luma, rows, np.concatenate([start, both.reshape(-1, 4)], axis=1), executor=self._executor)
         place = np.where(raw.converged[:, None], bank.position(rows, raw.warps), np.nan)
         left, right = np.split(place, 2)
-        return np.asarray(right - left - 2 * self._apart)
+        covariance = np.full((len(left), 2, 2), np.nan)
+        if self._whole.designs is not None:
+            covariance = np.sum(np.split(bank.interpret(raw).covariance, 2), axis=0)
+        return right - left - 2 * self._apart, covariance
 
 
 def _cut_half(design: SubsetDesign, side: int) -> SubsetDesign | None:

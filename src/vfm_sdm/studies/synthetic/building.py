@@ -132,8 +132,7 @@ class Builder:
     def add_box(
         self,
         name: str,
-        corner: Triple,
-        size: Triple,
+        box: tuple[Triple, Triple],
         material: Material,
         *,
         sides: tuple[Side, ...] = ("front", "near"),
@@ -146,7 +145,7 @@ class Builder:
         ----------
         name
             Of the box; its sides are told apart by theirs.
-        corner, size
+        box
             Corner with the smallest coordinates, and lengths along the axes [m].
         material, moving
             As in `add`.
@@ -155,12 +154,13 @@ class Builder:
         marks
             On the front, from its upper corner towards the span's beginning, along the structure and down.
         """
-        (x, y, z), (dx, dy, dz) = corner, size
+        corner, (dx, dy, dz) = box
+        x, y, _ = corner
         faces: dict[Side, tuple[Triple, tuple[Triple, Triple]]] = {
             "front": (corner, (along(dz), down(dy))),
             "near": (corner, ((dx, 0.0, 0.0), down(dy))),
             "top": (corner, (along(dz), (dx, 0.0, 0.0))),
-            "bottom": ((x, y + dy, z), (along(dz), (dx, 0.0, 0.0))),
+            "bottom": ((x, y + dy, corner[2]), (along(dz), (dx, 0.0, 0.0))),
         }
         for side in sides:
             origin, edges = faces[side]

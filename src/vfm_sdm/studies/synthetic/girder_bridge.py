@@ -19,7 +19,7 @@ from vfm_sdm.studies.synthetic.lighting import Light
 from vfm_sdm.studies.synthetic.scene import Mark, Scene
 from vfm_sdm.studies.synthetic.wall import Masonry, build_backdrop
 
-__all__ = ["GirderBridgeSite", "Surfaces", "Tripod"]
+__all__ = ["GirderBridgeSite", "Surfaces", "Tripod", "find_on_face"]
 
 # Heights [m], vertical coordinates relative to the underside of the deck, down.
 _WEB = 0.62
@@ -30,7 +30,7 @@ _RAILING = 1.15
 _FASCIA, _EDGE, _PLATE, _WEB_X = -0.10, 0.0, 0.088, 0.10
 _POST = (-0.07, 0.06)
 """Front of the posts, and their depth."""
-_WASHER = 0.022
+_WASHER = 0.030
 """Between nuts and the plate: what ends at a plane nearer than about four pixels' change of depth is blended wrongly
 (`vfm_sdm.studies.synthetic.edges`)."""
 
@@ -146,13 +146,7 @@ class GirderBridgeSite:
     @property
     def longitudinal_m(self) -> float:
         """Longitudinal coordinate on the structure's face of what the middle of the reference view shows [m]."""
-        return float(self.look_at(self.cameras()[0])[2])
-
-    def look_at(self, camera: Camera) -> FloatArray:
-        """Point of the plane of the structure's face in the middle of a picture, shape (3,) [m]."""
-        middle = camera.normalize((np.asarray(camera.image_size) - 1) / 2)
-        ray = np.append(middle, 1.0) @ camera.rotation
-        return np.asarray(camera.center + ray * (self.perpendicular_m - camera.center[0]) / ray[0])
+        return float(find_on_face(self.cameras()[0], self.perpendicular_m)[2])
 
     def cameras(self) -> tuple[Camera, ...]:
         """The reference camera and the further ones, in the structural axes."""
@@ -227,6 +221,27 @@ class GirderBridgeSite:
         return Scene(tuple(builder.faces), backdrop=backdrop, light=self.light)
 
 
+def find_on_face(camera: Camera, perpendicular_m: float) -> FloatArray:
+    """Point of the plane of a structure's face that the middle of a picture shows, shape (3,) [m].
+
+    Parameters
+    ----------
+    camera
+        Camera in the structural axes.
+    perpendicular_m
+        Lateral coordinate of the face [m].
+
+    Examples
+    --------
+    >>> camera = make_camera(np.zeros(3), np.pi / 4, focal_px=1000.0, image_size=(640, 480))
+    >>> find_on_face(camera, 10.0).round(6).tolist()
+    [10.0, 0.0, 10.0]
+    """
+    middle = camera.normalize((np.asarray(camera.image_size) - 1) / 2)
+    ray = np.append(middle, 1.0) @ camera.rotation
+    return np.asarray(camera.center + ray * (perpendicular_m - camera.center[0]) / ray[0])
+
+
 def _visible(site: GirderBridgeSite) -> tuple[float, float]:
     """Longitudinal coordinates between which the bridge may be in a picture, with a metre to spare [m]."""
     places = []
@@ -266,7 +281,6 @@ def _add_girder(builder: Builder, site: GirderBridgeSite) -> None:
         number += 1
     flange = (X - 0.02, Y + _WEB, first)
     builder.add("flange", flange, (along(end - first), down(_FLANGE)), paint, moving=True)
-    builder.add("flange top", flange, (along(end - first), (0.12, 0.0, 0.0)), paint, moving=True)
     far = replace(paint, mean=0.3 * paint.mean + 0.7 * 16, contrast=0.3 * paint.contrast, gloss=(0.0, 1.0))
     builder.add("far web", (X + 1.9, Y, first), (along(end - first), down(_WEB + _FLANGE)), far, moving=True)
 
@@ -282,10 +296,10 @@ def _add_splice(builder: Builder, site: GirderBridgeSite) -> None:
     )
     corner = (X + _PLATE, Y + top, middle - 0.5 * width)
     size = (_WEB_X - _PLATE, height, width)
-    builder.add_box("splice", corner, size, site.surfaces.paint, moving=True, marks=washer)
+    builder.add_box("splice", (corner, size), site.surfaces.paint, moving=True, marks=washer)
     for number, (u, v) in enumerate(at):
-        nut = (X + _PLATE - 0.046, Y + top + v - 0.018, middle + u - 0.018)
-        builder.add_box(f"nut {number}", nut, (0.046 - _WASHER, 0.036, 0.036), site.surfaces.bolt, moving=True)
+        nut = (X + _PLATE - 0.052, Y + top + v - 0.018, middle + u - 0.018)
+        builder.add_box(f"nut {number}", (nut, (0.052 - _WASHER, 0.036, 0.036)), site.surfaces.bolt, moving=True)
 
 
 def _add_deck(builder: Builder, site: GirderBridgeSite) -> None:
@@ -295,7 +309,7 @@ def _add_deck(builder: Builder, site: GirderBridgeSite) -> None:
     deck = site.surfaces.deck
     corner, size = (X + _FASCIA, Y - _SLAB, first), (2.2, _SLAB, end + 0.25 - first)
     run = Mark((0.0, _SLAB), (100.0, 0.02), -18)
-    builder.add_box("deck", corner, size, deck, sides=("front",), moving=True, marks=(run,))
+    builder.add_box("deck", (corner, size), deck, sides=("front",), moving=True, marks=(run,))
     soffit = replace(deck, mean=0.4 * deck.mean + 0.6 * 16)
     under = (X + _FASCIA, Y, first)
     builder.add("deck bottom", under, (along(end + 0.25 - first), (0.2, 0.0, 0.0)), soffit, moving=True)
@@ -315,13 +329,13 @@ def _add_railing(builder: Builder, site: GirderBridgeSite) -> None:
     number = 0
     while (z := site.post_at_m(number)) > first:
         builder.add_box(
-            f"post {number}", (front, top - _RAILING, z - 0.025), (depth, _RAILING, 0.05), steel, moving=True
+            f"post {number}", ((front, top - _RAILING, z - 0.025), (depth, _RAILING, 0.05)), steel, moving=True
         )
         base = (front - 0.02, top - 0.05, z - 0.06)
-        builder.add_box(f"base {number}", base, (depth + 0.04, 0.05, 0.12), steel, moving=True)
+        builder.add_box(f"base {number}", (base, (depth + 0.04, 0.05, 0.12)), steel, moving=True)
         for place, along_m in enumerate((-0.048, 0.022)):
             nut = (front - 0.012, top - 0.085, z + along_m)
-            builder.add_box(f"anchor {number} {place}", nut, (0.026, 0.035, 0.026), site.surfaces.bolt, moving=True)
+            builder.add_box(f"anchor {number} {place}", (nut, (0.026, 0.035, 0.026)), site.surfaces.bolt, moving=True)
         number += 1
     bars = int((last - first) / site.bar_m)
     for number in range(bars):
@@ -333,7 +347,7 @@ def _add_railing(builder: Builder, site: GirderBridgeSite) -> None:
         builder.add(f"bar {number}", (x, y, w), edges, steel, moving=True)
     for name, up, height in (("low rail", 0.13, 0.03), ("high rail", _RAILING - 0.15, 0.03), ("hand", _RAILING, 0.055)):
         corner = (front + 0.01, top - up - 0.5 * height, first)
-        builder.add_box(name, corner, (0.04, height, last - first), steel, moving=True, sides=("front", "bottom"))
+        builder.add_box(name, (corner, (0.04, height, last - first)), steel, moving=True, sides=("front", "bottom"))
 
 
 def _add_abutment(builder: Builder, site: GirderBridgeSite) -> None:
@@ -343,11 +357,13 @@ def _add_abutment(builder: Builder, site: GirderBridgeSite) -> None:
     seat = Y + _WEB + _FLANGE + 0.06
     joints = tuple(Mark((0.0, v), (100.0, 0.006), -22) for v in (0.36, 1.2))
     ties = tuple(Mark((0.25 + 0.45 * n, 0.36 + 0.42 * m), (0.012, 0.012), -60) for n in range(6) for m in range(3))
-    builder.add_box("seat", (X - 0.3, seat, end - 0.33), (0.5, 3.5, 2.2), stone, marks=(*joints, *ties))
+    builder.add_box("seat", ((X - 0.3, seat, end - 0.33), (0.5, 3.5, 2.2)), stone, marks=(*joints, *ties))
     builder.add("bearing wall", (X + 0.2, seat, end - 0.33), ((2.6, 0.0, 0.0), down(3.5)), stone)
-    builder.add_box("bearing", (X + 0.0, Y + _WEB + _FLANGE, end - 0.25), (0.24, 0.06, 0.3), site.surfaces.bolt)
+    builder.add_box("bearing", ((X + 0.0, Y + _WEB + _FLANGE, end - 0.25), (0.24, 0.06, 0.3)), site.surfaces.bolt)
     cracks = (Mark((0.0, 0.42), (100.0, 0.005), -20), Mark((0.55, 0.9), (0.006, 0.3), -18))
-    builder.add_box("backwall", (X - 0.05, Y - _SLAB - 0.06, end + 0.30), (2.4, 1.2, 0.9), stone, marks=cracks)
-    builder.add_box("wing wall", (X + 0.12, Y - _SLAB + 0.05, end + 1.2), (1.0, 4.0, 9.0), stone, marks=joints)
+    builder.add_box("backwall", ((X - 0.05, Y - _SLAB - 0.06, end + 0.30), (2.4, 1.2, 0.9)), stone, marks=cracks)
+    builder.add_box("wing wall", ((X + 0.12, Y - _SLAB + 0.05, end + 1.2), (1.0, 4.0, 9.0)), stone, marks=joints)
     coping = (X + 0.05, Y - _SLAB - 0.03, end + 1.2)
-    builder.add_box("coping", coping, (0.4, 0.10, 9.0), replace(stone, mean=1.1 * stone.mean), sides=("front", "near"))
+    builder.add_box(
+        "coping", (coping, (0.4, 0.10, 9.0)), replace(stone, mean=1.1 * stone.mean), sides=("front", "near")
+    )

@@ -230,7 +230,7 @@ class Shading:
         sway = [compute_wandering([time_s], _SWAY_HZ, seed=canopy.seed + n)[0] for n in (1, 2)]
         settings = [canopy.depth, 1 / canopy.radius_m, _CELLS_PER_LEAF / canopy.leaf_m]
         moved = np.concatenate([settings, *(canopy.sway_m * s for s in sway)])
-        _shade(self._planes, self._rays, self._frame, self._density, moved, face, left)
+        _shade(self._planes, self._rays, (self._frame, self._density, moved), face, left)
         return left
 
     def draw(self, luma: npt.NDArray[np.float32], face: FaceImage, time_s: float) -> npt.NDArray[np.float32]:
@@ -258,9 +258,7 @@ class Shading:
 def _shade(
     planes: FloatArray,
     rays: FloatArray,
-    frame: FloatArray,
-    density: npt.NDArray[np.float32],
-    settings: FloatArray,
+    canopy: tuple[FloatArray, npt.NDArray[np.float32], FloatArray],
     face: FaceImage,
     share: npt.NDArray[np.float32],
 ) -> None:
@@ -270,13 +268,12 @@ def _shade(
     ----------
     planes, rays, face, share
         As in `Shading`.
-    frame
-        Rows: two directions across the sun's rays, and the middle of the shadows, in the camera's axes, shape (3, 3).
-    density
-        The leaves' pattern.
-    settings
-        Depth of the shadows [1], inverse of their radius [1/m], cells a metre, and the sway of two layers [m].
+    canopy
+        Two directions across the sun's rays and the middle of the shadows in the camera's axes, shape (3, 3); the
+        leaves' pattern; depth of the shadows [1], inverse of their radius [1/m], cells a metre, and the sway of two
+        layers [m], shape (7,).
     """
+    frame, density, settings = canopy
     height, width = face.shape
     for row in nb.prange(height):
         for column in range(width):

@@ -90,11 +90,11 @@ def _make_motion(surface: _Surface, duration_s: float) -> ForcedMotion:
     return motion
 
 
-def _surface_1(image_size: tuple[int, int]) -> _Surface:
-    """Sea-green gloss paint, weathered concrete, red brick; low sun along the bridge."""
+def _surfaces_1() -> Surfaces:
+    """Sea-green gloss paint, weathered concrete, red brick."""
     paint = Material(72, 3.2, tint=(2, -12), slope=0.3, stains=1.2, stain_depth=(2, 9), gloss=(26.0, 9.0))
     concrete = Material(120, 3.5, tint=(-4, 2), longest_m=0.8, slope=1.1, stains=2.5, stain_depth=(3, 12))
-    surfaces = Surfaces(
+    return Surfaces(
         paint=paint,
         bolt=Material(32, 5.0, tint=(-3, 5), stains=0.0, gloss=(20.0, 12.0)),
         deck=concrete,
@@ -119,6 +119,10 @@ def _surface_1(image_size: tuple[int, int]) -> _Surface:
             sky=170.0,
         ),
     )
+
+
+def _surface_1(image_size: tuple[int, int]) -> _Surface:
+    """Sea-green gloss paint, weathered concrete, red brick; low sun along the bridge."""
     site = GirderBridgeSite(
         perpendicular_m=9.55,
         deck_m=-1.02,
@@ -140,7 +144,7 @@ def _surface_1(image_size: tuple[int, int]) -> _Surface:
                 distortion=(-0.22, 0.3, -0.0023, 0.0029, 0.0),
             ),
         ),
-        surfaces=surfaces,
+        surfaces=_surfaces_1(),
         light=Light(
             (-0.42, -0.42, 0.80),
             sun=0.72,
@@ -169,9 +173,9 @@ def _surface_1(image_size: tuple[int, int]) -> _Surface:
     )
 
 
-def _surface_2(image_size: tuple[int, int]) -> _Surface:
-    """Iron-oxide paint, board-marked pale concrete, sandstone; wider lenses, larger convergence, high sun."""
-    surfaces = Surfaces(
+def _surfaces_2() -> Surfaces:
+    """Iron-oxide paint, pale concrete, ashlar."""
+    return Surfaces(
         paint=Material(52, 2.0, tint=(-8, 18), slope=0.5, stains=2.5, stain_depth=(2, 10), gloss=(14.0, 6.0)),
         bolt=Material(165, 14.0, tint=(2, -1), gloss=(30.0, 8.0)),
         deck=Material(125, 5.0, tint=(-2, 1), longest_m=0.5, slope=0.8, stains=4.0, stain_depth=(4, 18)),
@@ -195,6 +199,10 @@ def _surface_2(image_size: tuple[int, int]) -> _Surface:
             sky=150.0,
         ),
     )
+
+
+def _surface_2(image_size: tuple[int, int]) -> _Surface:
+    """Iron-oxide paint, board-marked pale concrete, sandstone; wider lenses, larger convergence, high sun."""
     site = GirderBridgeSite(
         perpendicular_m=7.6,
         deck_m=-1.15,
@@ -216,7 +224,7 @@ def _surface_2(image_size: tuple[int, int]) -> _Surface:
                 distortion=(-0.09, 0.05, 0.0010, -0.0013, 0.0),
             ),
         ),
-        surfaces=surfaces,
+        surfaces=_surfaces_2(),
         light=Light(
             (-0.55, -0.80, 0.25),
             sun=0.6,

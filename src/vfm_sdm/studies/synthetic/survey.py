@@ -21,6 +21,7 @@ from vfm_sdm.inputs.session import (
     Site,
     View,
 )
+from vfm_sdm.studies.synthetic.girder_bridge import find_on_face
 from vfm_sdm.studies.synthetic.plan import FurtherReadings, Preset, SitePoint
 from vfm_sdm.studies.synthetic.scene import Scene, find_hidden
 
@@ -134,14 +135,11 @@ def _measured_site(plan: Preset, error: _Error) -> Site:
     """What tape, laser and spirit level say."""
     errors, site = plan.errors, plan.site
 
-    def tape(exact: float, std: float) -> Measured:
-        return Measured(value=round(exact + error(std), 3), std=std)
-
     ranged = _point(plan, plan.ranged or plan.points[0].name)
     return Site(
-        baseline=tape(plan.baseline_m, errors.baseline_m),
-        perpendicular_distance=tape(site.perpendicular_m, errors.perpendicular_m),
-        longitudinal_distance=tape(site.longitudinal_m, errors.longitudinal_m),
+        baseline=_tape(plan.baseline_m, errors.baseline_m, error),
+        perpendicular_distance=_tape(site.perpendicular_m, errors.perpendicular_m, error),
+        longitudinal_distance=_tape(site.longitudinal_m, errors.longitudinal_m, error),
         reference_camera_level=_level(site.level_deg, errors.level_deg, error),
         range=(
             Range(
@@ -178,15 +176,29 @@ def _length(plan: Preset, names: tuple[str, str], error: _Error) -> Length:
 
 def _read_further(session: Session, plan: Preset, further: FurtherReadings, error: _Error) -> Session:
     """The session with what could also be read at the second camera, and more lengths."""
-    camera, errors = plan.site.cameras()[1], plan.errors
-    level = _level(plan.site.further[0].level_deg, errors.level_deg, error)
+    camera, errors, site = plan.site.cameras()[1], plan.errors, plan.site
+    seen = find_on_face(camera, site.perpendicular_m)
     distance = float(np.linalg.norm(np.array(_point(plan, further.ranged).position) - camera.center))
     ranged = Range(
         point=further.ranged, view=plan.views[1], value=round(distance + error(errors.range_m), 3), std=errors.range_m
     )
-    lengths = tuple(_length(plan, names, error) for names in further.lengths)
-    second = session.view[1].model_copy(update={"level": level})
-    site = session.site.model_copy(
-        update={"range": (*session.site.range, ranged), "length": (*session.site.length, *lengths)}
+    readings = {
+        "level": _level(plan.site.further[0].level_deg, errors.level_deg, error),
+        "perpendicular_distance": _tape(seen[0] - camera.center[0], errors.perpendicular_m, error),
+        "longitudinal_distance": _tape(seen[2] - camera.center[2], errors.longitudinal_m, error),
+    }
+    second = session.view[1].model_copy(update=readings)
+    more = {
+        "range": (*session.site.range, ranged),
+        "length": (*session.site.length, *(_length(plan, names, error) for names in further.lengths)),
+    }
+    return session.model_copy(
+        update={
+            "view": (session.view[0], second, *session.view[2:]),
+            "site": session.site.model_copy(update=more),
+        }
     )
-    return session.model_copy(update={"view": (session.view[0], second, *session.view[2:]), "site": site})
+
+
+def _tape(exact: float, std: float, error: _Error) -> Measured:
+    return Measured(value=round(float(exact) + error(std), 3), std=std)

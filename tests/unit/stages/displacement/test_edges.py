@@ -36,6 +36,8 @@ def test_a_flange_gives_vertical_motion(measured, motion):
     assert np.sqrt(np.mean(error**2)) < 0.08
     assert np.mean(np.abs(error) < 1.96 * std) >= 0.9
     assert std.max() < 2.5 * np.sqrt(np.mean(error**2))
+    truth = motion[:, NAMES.index("flange"), 1] - motion[:, NAMES.index("flange"), 1].mean()
+    assert error @ truth / (truth @ truth) == pytest.approx(0, abs=0.02)  # the prior takes nothing of the motion
     # Along the flange nobody sees anything.
     assert np.isnan(measured["displacement"].sel(point="flange", axis="longitudinal")).all()
     assert (measured["status"].sel(point="flange") == Status.OK).all()

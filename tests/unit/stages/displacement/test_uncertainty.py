@@ -308,6 +308,44 @@ def test_compression_falls_with_the_size():
     assert compression_gain_std(np.inf) == 0.0
 
 
+def gains_left(tracks: xr.Dataset, std: np.ndarray) -> xr.Dataset:
+    """Tracks whose gains are known to standard deviations of shape (V, P, 2), along u and v."""
+    views, points = tracks.sizes["view"], tracks.sizes["point"]
+    directions = np.broadcast_to(np.eye(2), (views, points, 2, 2))
+    return tracks.assign(
+        gain_left_std=(("view", "point", "direction"), std, {"units": "1"}),
+        injected_direction=(("view", "point", "direction", "pixel"), directions),
+    )
+
+
+def test_compression_is_the_scatter_over_wrong_gains_where_they_were_measured():
+    tracks = tracks_of(pixels())
+    std = np.broadcast_to([[[0.02, 0.01]], [[0.005, 0.03]]], (2, tracks.sizes["point"], 2))
+    plain, rng = measured(tracks), np.random.default_rng(9)
+    budget = add_uncertainty(plain, BudgetInputs(gains_left(tracks, std), bits_per_pixel={"left": 0.07}))
+    start, errors = tracks["position"].values[:, :1], []
+    for _ in range(60):
+        wrong = tracks.copy()
+        gain = 1 + std[:, None] * rng.normal(size=(2, 1, tracks.sizes["point"], 2))
+        wrong["position"] = tracks["position"].copy(data=start + gain * (tracks["position"].values - start))
+        errors.append(measured(wrong)["displacement"].values - plain["displacement"].values)
+    scatter = np.sqrt(np.mean(np.square(errors), axis=(0, 1, 2)))
+    stated = np.sqrt(np.mean(part(budget, "compression") ** 2, axis=(0, 1)))
+    np.testing.assert_allclose(stated, scatter, rtol=0.15)
+
+
+def test_compression_is_by_size_where_a_gain_was_not_measured():
+    tracks = tracks_of(pixels())
+    std = np.full((2, tracks.sizes["point"], 2), 0.001)
+    std[1, 0, 0] = np.nan
+    plain = measured(tracks)
+    budget = add_uncertainty(plain, BudgetInputs(gains_left(tracks, std), bits_per_pixel={"left": 0.07}))
+    moved = np.abs(plain["displacement"].values)
+    np.testing.assert_allclose(part(budget, "compression")[:, 0], 0.02 * moved[:, 0])
+    vertical = np.s_[:, 1:, 1]
+    assert np.mean(part(budget, "compression")[vertical] ** 2) < np.mean((0.005 * moved[vertical]) ** 2)
+
+
 def test_tracks_of_other_points_are_refused():
     tracks = tracks_of(pixels())
     displacement = measured(tracks)

@@ -11,7 +11,7 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.matching.locate import PointFinder
-from vfm_sdm.stages.matching.points import NAMED_STD_PX
+from vfm_sdm.stages.matching.points import NAMED_STD_PX, named_points
 
 SIZE = (640, 400)
 FACE_M, ALONG_M, FOCAL_PX = 9.0, 16.0, 2200.0
@@ -136,6 +136,11 @@ def test_a_stiffener_alone_is_ambiguous_where_geometry_does_not_settle_it(images
     assert points["status"].item() == PointStatus.AMBIGUOUS
 
 
+def test_points_that_may_all_be_one_stiffener_further_are_ambiguous_together(images):
+    points = find(images, ["stiffener", "corner"], covariance=9 * VAGUE)
+    assert PointStatus.OK not in points["status"].values
+
+
 def test_points_that_are_found_settle_the_others(images):
     """Cameras that are vague put a stiffener half-way to the next one; the deck's texture tells by how much."""
     rng, worst = np.random.default_rng(3), 0.0
@@ -188,3 +193,18 @@ def test_a_named_place_tells_the_others_which_stiffener_they_are_on(images):
     points = find(images, ["stiffener", *given], covariance=VAGUE, pixel_in=given)
     assert points["status"].sel(point="stiffener").item() == PointStatus.OK
     assert np.abs(miss(points, "stiffener")).max() < 1.0
+
+
+def test_what_a_session_names_in_both_views_is_known_without_cameras():
+    session = Session(
+        name="two clicks",
+        view=[{"name": view, "images": f"{view}/*.png", "fps": 30.0} for view in CAMERAS],
+        site={"baseline": {"value": 4.0, "std": 0.01}},
+        point=[{"name": "a", "view": "right", "pixel": (9.0, 8.0), "pixel_in": {"left": (7.0, 6.0)}}],
+    )
+    points = named_points(session, ["left", "right"])
+    assert points["status"].values.ravel().tolist() == [PointStatus.OK] * 2
+    np.testing.assert_array_equal(points["position"].values[:, 0], [[7.0, 6.0], [9.0, 8.0]])
+    np.testing.assert_array_equal(points["position_std"].values[:, 0], [[NAMED_STD_PX] * 2, [0.0, 0.0]])
+    alone = named_points(session, ["right"])
+    np.testing.assert_array_equal(alone["position"].values[0, 0], [9.0, 8.0])

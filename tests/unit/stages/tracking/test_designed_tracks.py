@@ -109,3 +109,17 @@ def test_a_point_without_a_design_is_not_tracked(texture):
 def test_without_designs_tracks_say_nothing_of_them(texture):
     tracks = track([digitize(texture.image())] * 2, np.array([[128.0, 128.0]]), None)
     assert not {"warp", "edge_across", "believed", "subset_px"} & set(tracks.variables)
+
+
+def test_halves_state_their_own_noise(texture):
+    """The halves of a masked subset, of which the right one has few pixels, move together within what they state."""
+    rng = np.random.default_rng(6)
+    mask = np.ones((41, 41), np.bool_)
+    mask[:, 30:] = False
+    shifts = np.column_stack([np.sin(np.arange(80) / 3), np.zeros(80)])
+    frames = [digitize(texture.image(shift), rng, NOISE) for shift in shifts]
+    tracks = track(frames, np.array([[128.0, 120.0]]), [SubsetDesign(41, Warp.TRANSLATION, mask=mask)])
+    apart, covariance = tracks["half_difference"].values[4::4, 0], tracks["half_covariance"].values[4::4, 0]
+    square = np.einsum("ti,tij,tj->t", apart, np.linalg.inv(covariance), apart) / 2
+    assert 0.5 < square.mean() < 1.8
+    assert np.isnan(tracks["half_covariance"].values[1]).all()

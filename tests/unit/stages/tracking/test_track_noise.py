@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from stated_tracks import stated_tracks
-from vfm_sdm.stages.tracking.track_noise import include_track_noise
+from vfm_sdm.stages.tracking.track_noise import include_static_noise, include_track_noise
 
 RATE = 60.0
 STATED = 0.003
@@ -69,3 +69,26 @@ def test_gaps_split_the_series_and_short_runs_keep_what_is_stated():
     assert np.isnan(raised["scatter"].values[:61, 0]).all()
     assert np.median(found[61:320]) == pytest.approx(0.02, rel=0.25)
     np.testing.assert_array_equal(raised["position"].values, position)
+
+
+def trembling(std):
+    """Two static points and one that moves, before air that bends the picture slowly."""
+    rng = np.random.default_rng(8)
+    kernel = np.hanning(25)
+    series = [np.convolve(rng.normal(0, 1, 924), kernel, mode="valid") for _ in range(6)]
+    haze = np.stack(series, axis=1).reshape(900, 3, 2)
+    haze *= std / haze.std()
+    moves = np.stack([0 * motion(900)[:, 0], 0 * motion(900)[:, 0], motion(900)[:, 0]], axis=1)
+    return tracks_of(haze + rng.normal(0, STATED, haze.shape) + moves)
+
+
+def test_what_static_points_show_of_the_air_is_noise_of_all():
+    raised = include_static_noise({"left": trembling(0.3)}, ["p0", "p1"])["left"]
+    assert np.median(stds(raised)[1:, 2]) == pytest.approx(0.3, rel=0.25)
+    np.testing.assert_array_equal(stds(raised)[0], 0)
+
+
+@pytest.mark.parametrize(("std", "static"), [(0.0, ["p0", "p1"]), (0.3, ["p0"]), (0.3, [])])
+def test_calm_air_and_too_few_static_points_change_nothing(std, static):
+    tracks = trembling(max(std, 1e-9))
+    assert include_static_noise({"left": tracks}, static)["left"] is tracks

@@ -8,7 +8,7 @@ from rendered_scenes import register
 
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.studies.synthetic.film import film_view
-from vfm_sdm.studies.synthetic.girder_bridge import GirderBridgeSite
+from vfm_sdm.studies.synthetic.girder_bridge import GirderBridgeSite, find_on_face
 from vfm_sdm.studies.synthetic.presets import SURFACES, preset
 from vfm_sdm.studies.synthetic.render import Renderer
 from vfm_sdm.studies.synthetic.scene import find_hidden
@@ -52,7 +52,7 @@ def test_lenses_are_off_centre_and_tangential_distortion_can_be_undone(plan):
 
 def test_distances_are_those_to_the_middle_of_the_picture(plan):
     site, camera = plan.site, plan.site.cameras()[0]
-    seen = camera.project([site.perpendicular_m, site.look_at(camera)[1], site.longitudinal_m])
+    seen = camera.project([site.perpendicular_m, find_on_face(camera, site.perpendicular_m)[1], site.longitudinal_m])
     np.testing.assert_allclose(seen, (np.array(camera.image_size) - 1) / 2, atol=1e-6)
     # The optical axis meets the face elsewhere, by more than the reading's standard deviation.
     assert abs(site.longitudinal_m - site.tripods[0].target_m) > plan.errors.longitudinal_m
@@ -94,17 +94,23 @@ def test_points_are_seen_in_both_views_on_their_surfaces(plan, scene):
 
 
 def test_pictures_move_as_commanded_where_the_structure_has_texture_or_edges(plan, scene):
-    shift, view = np.array([0.0005, -0.0011, 0.0]), 1 - SURFACES.index(plan.name)
+    view = 1 - SURFACES.index(plan.name)
     camera = plan.site.cameras()[view]
     renderer = Renderer(scene, camera)
-    rest, moved = renderer.render(), renderer.render(lambda points: np.tile(shift, (len(points), 1)))
-    for point in plan.points[:7]:
-        at = np.array(point.position)
-        error = register(rest, moved, camera.project(at)) - (camera.project(at + shift) - camera.project(at))
-        if point.name in ("bolts", "concrete", "paint"):
-            assert np.abs(error).max() < 0.006, point.name
-        elif point.name == "stiffener":
-            assert abs(error[0]) < 0.006
+    rest, errors = renderer.render(), {name: [] for name in ("bolts", "concrete", "paint", "stiffener")}
+    for shift in np.array([[0.5, -1.1, 0.0], [-0.9, 0.7, 0.1], [1.3, 2.2, 0.0], [-0.2, -2.6, -0.1]]) * 1e-3:
+        moved = renderer.render(lambda points, shift=shift: np.tile(shift, (len(points), 1)))
+        for point in plan.points:
+            if point.name in errors:
+                at = np.array(point.position)
+                expected = camera.project(at + shift) - camera.project(at)
+                errors[point.name].append(register(rest, moved, camera.project(at)) - expected)
+    assert np.abs(errors["concrete"]).max() < 0.003
+    assert np.abs(errors["paint"]).max() < 0.003
+    # Across its edge; along it nothing tells.
+    assert np.abs(np.array(errors["stiffener"])[:, 0]).max() < 0.006
+    # Many small faces meet in few pixels, which are drawn by 64 samples.
+    assert np.sqrt(np.mean(np.square(errors["bolts"]))) < 0.012
 
 
 def test_what_is_behind_is_far_and_out_of_focus(plan, scene):

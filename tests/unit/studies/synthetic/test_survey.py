@@ -11,6 +11,7 @@ from vfm_sdm.core.datasets import check_displacement
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.stages.cameras.file import read_rig
 from vfm_sdm.studies.synthetic.field_test import make_field_test
+from vfm_sdm.studies.synthetic.girder_bridge import find_on_face
 from vfm_sdm.studies.synthetic.presets import SURFACES, preset
 from vfm_sdm.studies.synthetic.survey import make_sessions
 
@@ -96,6 +97,9 @@ def test_readings_have_errors_of_the_size_that_they_state(name, tmp_path):
             (found.perpendicular_distance, site.perpendicular_m),
             (found.longitudinal_distance, site.longitudinal_m),
         ]
+        read, seen = session.view[1], find_on_face(second, site.perpendicular_m)
+        exact.append((read.perpendicular_distance, site.perpendicular_m - second.center[0]))
+        exact.append((read.longitudinal_distance, seen[2] - second.center[2]))
         for ranged, camera in zip(found.range, (first, second), strict=True):
             exact.append((ranged, float(np.linalg.norm(places[ranged.point] - camera.center))))
         for length in found.length:
@@ -123,4 +127,5 @@ def test_further_readings_are_added_to_the_same_session(made):
     assert (len(session.site.range), len(further.site.range)) == (1, 2)
     assert further.site.range[1].view == "right"
     assert (len(session.site.length), len(further.site.length)) == (0, 3)
-    assert all(view.level is None for view in session.view)
+    assert all(view.level is None and view.perpendicular_distance is None for view in session.view)
+    assert further.view[1].longitudinal_distance is not None

@@ -153,7 +153,8 @@ def _find_nearest(frames: LumaArray, size: int) -> FloatArray:
     """Nearest place whose square has texture in both directions, as a vector from the middle, shape (2,) [px]."""
     window = Window(frames)
     _, noise = window.local_motion(np.zeros((window.count, 2)))
-    std = std_around(window, noise, np.ones(noise.shape, np.bool_), size)
+    # Texture well inside the square, not at its border.
+    std = std_around(window, noise, np.ones(noise.shape, np.bool_), 2 * size // 3 | 1)
     margin, middle = size // 2, len(noise) // 2
     std[:margin], std[-margin:], std[:, :margin], std[:, -margin:] = np.inf, np.inf, np.inf, np.inf
     far = np.where(std <= USABLE_STD_PX / 2, window.radius2, np.inf)

@@ -1,19 +1,22 @@
 """Injection in all views, and tracks at the size that the injected motion shows to be right."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.dataset_checks import check_variable
+from vfm_sdm.core.netcdf import read_dataset, write_dataset
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.tracking.base import Tracker
 from vfm_sdm.stages.tracking.design.choice import SubsetChoice
 from vfm_sdm.stages.tracking.injection.inject import inject
 
-__all__ = ["correct_tracks", "inject_views"]
+__all__ = ["correct_tracks", "inject_views", "read_injection", "write_injection"]
 
 _SIGNIFICANT = 2.0
 """Standard deviations by which a gain must differ from 1 to be corrected."""
@@ -23,8 +26,8 @@ def inject_views(
     videos: Mapping[str, Video],
     tracks: Mapping[str, xr.Dataset],
     tracker: Tracker,
-    *,
     subsets: Mapping[str, Mapping[str, SubsetChoice]],
+    *,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Gain and noise of all points in all views, as `inject` finds them.
@@ -78,6 +81,48 @@ def correct_tracks(tracks: Mapping[str, xr.Dataset], found: xr.Dataset | None) -
     if found is None:
         return dict(tracks)
     return {view: _correct(of_view, found.sel(view=view, drop=True)) for view, of_view in tracks.items()}
+
+
+def read_injection(path: Path) -> tuple[xr.Dataset, str]:
+    """What `write_injection` wrote, and its key.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    ResultsError
+        The file is damaged or holds something else.
+    """
+    found = read_dataset(path, _check_gains, kind="gains", command="vfm-sdm measure")
+    return found, str(found.attrs.pop("key", ""))
+
+
+def write_injection(path: Path, found: xr.Dataset, marks: Mapping[str, str]) -> None:
+    """Writes gains of all views, see `inject_views`.
+
+    Parameters
+    ----------
+    path
+        The file.
+    found
+        Gains of V views and P points along two directions, shape (V, P, 2) [1].
+    marks
+        With the ``key`` of what they were made of.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written.
+    """
+    write_dataset(path, found.assign_attrs(key=marks["key"]))
+
+
+def _check_gains(found: xr.Dataset) -> xr.Dataset:
+    check_variable(found, "injected_gain", ("view", "point", "direction"), "1")
+    return found
 
 
 def _correct(tracks: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
