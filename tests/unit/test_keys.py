@@ -41,7 +41,7 @@ READERS = {
     "point.view": ("expectation", "cameras", "points", "audit"),
     "point.pixel": ("expectation", "cameras", "points", "displacement", "audit"),
     "point.static": ("cameras", "steady", "aligned", "audit"),
-    "point.pixel_in": ("expectation", "cameras", "audit"),
+    "point.pixel_in": ("expectation", "cameras", "points", "audit"),
     "sensor": (),
     "chessboard": ("cameras",),
     "method.tracker": ("expectation", "subsets", "tracks", "displacement", "audit"),
