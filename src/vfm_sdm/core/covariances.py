@@ -5,7 +5,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 
-__all__ = ["edges_across", "find_edges", "judged_std", "largest_std", "measured_variance"]
+__all__ = ["edges_across", "find_edges", "judged_std", "largest_std", "measured_axes", "measured_variance"]
 
 
 def largest_std(covariance: FloatArray) -> FloatArray:
@@ -56,6 +56,28 @@ def judged_std(covariance: FloatArray, across: FloatArray) -> FloatArray:
         return largest_std(covariance)
     variance = np.einsum("pi,...pij,pj->...p", across, covariance, across)
     return np.where(edge, np.sqrt(np.maximum(variance, 0.0)), largest_std(covariance))
+
+
+def measured_axes(across: FloatArray) -> FloatArray:
+    """Directions in which points are judged one by one: u and v, or across an edge and along it.
+
+    Parameters
+    ----------
+    across
+        Unit vectors across edges, shape (..., 2) [1]; NaN for points that are none.
+
+    Returns
+    -------
+    axes
+        Unit vectors as rows, shape (..., 2, 2) [1].
+
+    Examples
+    --------
+    >>> measured_axes(np.array([[0.6, 0.8], [np.nan, np.nan]])).tolist()
+    [[[0.6, 0.8], [-0.8, 0.6]], [[1.0, 0.0], [0.0, 1.0]]]
+    """
+    turned = np.stack([across, np.stack([-across[..., 1], across[..., 0]], axis=-1)], axis=-2)
+    return np.where(np.isfinite(turned), turned, np.eye(2))
 
 
 def measured_variance(covariance: FloatArray, across: FloatArray) -> FloatArray:
