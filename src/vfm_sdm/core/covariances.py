@@ -5,7 +5,15 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 
-__all__ = ["edges_across", "find_edges", "judged_std", "largest_std", "measured_axes", "measured_variance"]
+__all__ = [
+    "edges_across",
+    "find_edges",
+    "judged_std",
+    "largest_std",
+    "measured_axes",
+    "measured_variance",
+    "raise_variance",
+]
 
 
 def largest_std(covariance: FloatArray) -> FloatArray:
@@ -151,3 +159,35 @@ def find_edges(tracks: xr.Dataset) -> BoolArray:
     """
     edge = np.asarray(np.isfinite(edges_across(tracks)).all(axis=-1))
     return np.asarray(edge.any(axis=0) if "view" in tracks.sizes else edge)
+
+
+def raise_variance(covariance: FloatArray, axes: FloatArray, variance: FloatArray) -> FloatArray:
+    """Covariances that state at least these variances along two axes each; correlations stay.
+
+    Parameters
+    ----------
+    covariance
+        Covariances of P points, shape (T, P, 2, 2) [px2]. What is zero stays zero.
+    axes
+        Unit vectors as rows, shape (P, 2, 2) [1], see `measured_axes`.
+    variance
+        Least variances along them, shape (T, P, 2) or (P, 2) [px2]; NaN where nothing is known.
+
+    Returns
+    -------
+    raised
+        Shape (T, P, 2, 2) [px2].
+
+    Examples
+    --------
+    >>> raise_variance(np.eye(2)[None, None], np.eye(2)[None], np.array([[4.0, 0.5]]))[0, 0].tolist()
+    [[4.0, 0.0], [0.0, 1.0]]
+    """
+    back = axes.swapaxes(1, 2)
+    turned = axes @ covariance @ back
+    stated = np.einsum("tpii->tpi", turned)
+    variance = np.broadcast_to(variance, stated.shape)
+    larger = np.isfinite(variance) & (variance > stated) & (stated > 0)
+    factor = np.sqrt(np.divide(variance, stated, out=np.ones_like(stated), where=larger))
+    raised = back @ (turned * factor[..., :, None] * factor[..., None, :]) @ axes
+    return np.where(larger.any(axis=-1)[..., None, None], raised, covariance)

@@ -24,7 +24,7 @@ _OFTEN = 0.8
 """Share of the frames that show the whole in which a strip has to be found."""
 _FEWEST = 10
 _CLEAR = 2.0
-"""Times the disagreement of the parts by which a point must move for their gains to be compared."""
+"""Times its noise by which a point must move for the gains of its parts to be compared."""
 _MAD_TO_STD = 1.4826
 
 
@@ -214,15 +214,16 @@ def _judge(
         if len(weights) < 2 or (grouping is _BALANCED and not kept.all()):
             continue
         joined = apart @ (groups / weights[:, None]).T
-        of_noise, of_gain = _compare(joined, weights / weights.sum(), moved)
+        of_noise, of_gain = _compare(joined, weights, moved)
         noise, spread = np.fmax(noise, of_noise), np.fmax(spread, of_gain)
     return float(noise), float(spread)
 
 
-def _compare(apart: FloatArray, weights: FloatArray, motion: FloatArray) -> tuple[float, float]:
-    """Noise [px] and spread of gains [1] by parts (T, K) less the whole's motion (T,)."""
+def _compare(apart: FloatArray, information: FloatArray, motion: FloatArray) -> tuple[float, float]:
+    """Noise [px] and spread of gains [1] by parts (T, K), of information (K,), less the whole's motion (T,)."""
+    weights = information / information.sum()
     noise = compute_disagreement(apart - np.outer(motion - motion.mean(), _slopes(apart, motion)), weights)
-    if not motion.std() > _CLEAR * noise:
+    if not motion.std() > _CLEAR * max(noise, float(information.sum()) ** -0.5):
         return noise, np.nan
     found = [compute_gain(column, motion) for column in apart.T]
     gains, stds = np.array([one.gain for one in found]), np.array([one.std for one in found])

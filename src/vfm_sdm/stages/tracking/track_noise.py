@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import firwin
 
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
-from vfm_sdm.core.covariances import edges_across, find_edges, measured_axes
+from vfm_sdm.core.covariances import edges_across, find_edges, measured_axes, raise_variance
 from vfm_sdm.core.datasets import check_tracks, trusted_values
 
 __all__ = ["include_static_noise", "include_track_noise"]
@@ -75,16 +75,12 @@ def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
     for point in range(position.shape[1]):
         for run in unbroken_runs(np.asarray(np.isfinite(position[:, point]).all(axis=1))):
             variance[run, point] = _estimate_variance(position[run, point], kernel, max(1, round(_WINDOW_S * rate_hz)))
-    covariance = axes @ tracks["position_covariance"].values @ axes.swapaxes(1, 2)
-    stated = np.einsum("tpii->tpi", covariance)
     noise = variance
     if "part_noise" in tracks:
         noise = np.fmax(variance, tracks["part_noise"].values ** 2)
-    larger = np.isfinite(noise) & (noise > stated) & (stated > 0)
-    factor = np.sqrt(np.divide(noise, stated, out=np.ones_like(stated), where=larger))
     raised, back = tracks.copy(), axes.swapaxes(1, 2)
-    larger_covariance = covariance * factor[..., :, None] * factor[..., None, :]
-    raised["position_covariance"] = tracks["position_covariance"].copy(data=back @ larger_covariance @ axes)
+    larger = raise_variance(tracks["position_covariance"].values, axes, noise)
+    raised["position_covariance"] = tracks["position_covariance"].copy(data=larger)
     scatter = np.sqrt(_turn(back**2, variance))
     return raised.assign(scatter=(("time", "point", "pixel"), scatter, {"units": "px"}))
 

@@ -19,7 +19,7 @@ _REACH_PX = 10
 """How far texture may move and still explain a change [px]."""
 _CLEAR = 5.0
 """Times the noise by which a pixel must lie outside all that its surroundings show."""
-_COVERED, _MOST_COVERED = 0.03, 1 / 3
+_COVERED, _MOST_COVERED = 0.1, 1 / 3
 """Share of a window that must be covered, and of the frames that may be, to be left out."""
 _MAD_TO_STD = 1.4826
 
