@@ -9,6 +9,7 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
+from vfm_sdm.stages.tracking.design.coarse import coarse_motion
 from vfm_sdm.stages.tracking.design.information import find_false_corners, square_std, std_around
 from vfm_sdm.stages.tracking.design.trial import Trial
 from vfm_sdm.stages.tracking.design.window import Window
@@ -75,8 +76,10 @@ def choose_subset(frames: LumaArray, offset: FloatArray, sizes: Sequence[int]) -
     sizes
         Sides of the square to choose from, rising [px].
     """
-    window = Window(_middle(frames, sizes[-1] // 2 + MARGIN_PX))
-    belief = find_belief(window, max(sizes[0] // 2, _SIGHT_PX))
+    start = coarse_motion(frames, sizes[0])
+    far = int(np.abs(start).max(initial=0.0))
+    window = Window(_middle(frames, sizes[-1] // 2 + MARGIN_PX + far))
+    belief = find_belief(window, max(sizes[0] // 2, _SIGHT_PX), start)
     trial = Trial(frames, offset, belief.motion)
     best = _choose_warp(window, belief, trial, sizes[0])
     for size in sizes[1:]:
