@@ -120,7 +120,10 @@ class SubsetParts:
                     mine = np.flatnonzero((self._rows == point) & (orders == order))
                     variance = np.einsum("i,tkij,j->tk", along, covariances[:, mine], along)
                     found.append(_judge(places[:, mine] @ along, variance, motion[:, point] @ along, groupings))
-                noise[point, direction], gain_std[point, direction] = np.fmax(found[0], found[1])
+                noises, spreads = np.array(found).T
+                # Strips beside an edge hold little of it: they tell a motion of their own, but no noise of the whole.
+                noise[point, direction] = noises[1] if design.warp == Warp.EDGE else np.fmax(noises[0], noises[1])
+                gain_std[point, direction] = np.fmax(spreads[0], spreads[1])
         return noise, gain_std
 
 
