@@ -209,12 +209,8 @@ class IcgnTracker:
         }
         tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
         if designs is not None and parts is not None:
-            noise, gain_std = parts.judge(measured_axes(across))
-            tracks = tracks.assign(_describe(designs, across)).assign(
-                half_covariance=(("time", "point", "pixel_a", "pixel_b"), halves.covariances(), {"units": "px2"}),
-                part_noise=(("point", "direction"), noise, {"units": "px"}),
-                part_gain_std=(("point", "direction"), gain_std, {"units": "1"}),
-            )
+            halves_covariance = (("time", "point", "pixel_a", "pixel_b"), halves.covariances(), {"units": "px2"})
+            tracks = tracks.assign(_describe(designs, across, parts)).assign(half_covariance=halves_covariance)
         return tracks.assign(
             correlation=(("time", "point"), correlation, {"units": "1"}),
             half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}),
@@ -277,12 +273,15 @@ class _Record:
         self._open.clear()
 
 
-def _describe(designs: Sequence[SubsetDesign | None], across: FloatArray) -> dict[str, Any]:
-    """What the tracks say of the designs of P points, with directions across edges (P, 2)."""
+def _describe(designs: Sequence[SubsetDesign | None], across: FloatArray, parts: SubsetParts) -> dict[str, Any]:
+    """What the tracks say of the designs of P points, with directions across edges (P, 2), and of their parts."""
+    noise, gain_std = parts.judge(measured_axes(across))
     believed = [0.0 if design is None else design.believed_px / design.subset_px**2 for design in designs]
     return {
         "subset_px": ("point", [0 if design is None else design.subset_px for design in designs], {"units": "px"}),
         "warp": ("point", np.array(["" if design is None else str(design.warp) for design in designs], dtype=object)),
         "edge_across": (("point", "pixel"), across, {"units": "1"}),
         "believed": ("point", believed, {"units": "1"}),
+        "part_noise": (("point", "direction"), noise, {"units": "px"}),
+        "part_gain_std": (("point", "direction"), gain_std, {"units": "1"}),
     }

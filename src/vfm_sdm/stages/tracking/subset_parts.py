@@ -43,8 +43,9 @@ class SubsetParts:
     Notes
     -----
     A strip holds a quarter of the believed pixels, and only moves: rotation and strain are those of the whole. The
-    directions are across an edge and along it, else u and v. Where rotation and strain are measured, their errors move
-    strips on both sides of the middle apart; the outer two and the inner two are then joined, which have one middle.
+    directions are across an edge and along it, else u and v. Noise is judged by strips that are joined to halves, gains
+    by quarters as well. Where rotation and strain are measured, their errors move strips on both sides of the middle
+    apart; the outer two and the inner two are then joined, which have one middle.
     """
 
     def __init__(self, reference: LumaArray, whole: SubsetBank, executor: Executor) -> None:
@@ -120,7 +121,10 @@ class SubsetParts:
                     mine = np.flatnonzero((self._rows == point) & (orders == order))
                     variance = np.einsum("i,tkij,j->tk", along, covariances[:, mine], along)
                     found.append(_judge(places[:, mine] @ along, variance, motion[:, point] @ along, groupings))
-                noise[point, direction], gain_std[point, direction] = np.fmax(found[0], found[1])
+                noises, spreads = np.array(found).T
+                # Strips beside an edge hold little of it: they tell a motion of their own, but no noise of the whole.
+                noise[point, direction] = noises[1] if design.warp == Warp.EDGE else np.fmax(noises[0], noises[1])
+                gain_std[point, direction] = np.fmax(spreads[0], spreads[1])
         return noise, gain_std
 
 
@@ -137,10 +141,8 @@ def compute_disagreement(places: FloatArray, weights: FloatArray) -> float:
     Notes
     -----
     Sum of squares of ``w (q - mean) / sqrt(1 - w)``: unbiased for errors that are independent between the parts and
-    have variances inverse to the weights, and little biased for others (MacKinnon and White, HC2). Errors of
-    neighbouring strips are correlated, those of larger parts less: see `SubsetParts`, which takes the larger of what
-    quarters and halves say. The middle over time counts, because a part that loses itself in some frames says little
-    of the whole.
+    have variances inverse to the weights, and little biased for others (MacKinnon and White, HC2). The middle over
+    time counts, because a part that loses itself in some frames says little of the whole.
 
     References
     ----------
@@ -215,7 +217,9 @@ def _judge(
             continue
         joined = apart @ (groups / weights[:, None]).T
         of_noise, of_gain = _compare(joined, weights, moved)
-        noise, spread = np.fmax(noise, of_noise), np.fmax(spread, of_gain)
+        # Quarters lose themselves more easily than the whole, and neighbours err alike: the noise is that of halves.
+        noise = noise if grouping is _QUARTERS else np.fmax(noise, of_noise)
+        spread = np.fmax(spread, of_gain)
     return float(noise), float(spread)
 
 
