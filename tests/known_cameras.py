@@ -54,6 +54,7 @@ class Pictures(FirstFrames):
     def __init__(self, luma):
         self._luma = dict(luma)
         self.__dict__["colors"] = dict(zip(luma, as_colors(luma), strict=True))
+        self.__dict__["quiet"] = dict(luma)
 
 
 def write_pictures(folder, names, pictures):
