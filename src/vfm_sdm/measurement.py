@@ -90,7 +90,7 @@ class Measurement(Chain[Session]):
     Examples
     --------
     >>> Measurement.products()[:5]
-    ('recordings', 'frames', 'cameras', 'points', 'tracks')
+    ('recordings', 'frames', 'cameras', 'points', 'expectation')
     """
 
     def __init__(

@@ -109,7 +109,7 @@ def test_the_summary_lets_a_reviewer_trace_the_figures(measured):
 
 def test_finished_stages_are_reused(recorded, measured):
     again = measure(read_session(recorded), measured[1])
-    assert again.summary["reused_stages"] == ["cameras", "tracking"]
+    assert again.summary["reused_stages"] == ["cameras", "tracking", "injection"]
     assert not {"cameras", "tracks"} & set(again.made)
     np.testing.assert_array_equal(again.displacement["displacement"], measured[0].displacement["displacement"])
 
@@ -129,7 +129,7 @@ def test_a_changed_setting_runs_only_what_depends_on_it(recording, tmp_path):
     measure(session, out)
     method = {**session.method.model_dump(), "still_interval_s": (0.0, 0.2)}
     again = measure(changed(session, method=method), out)
-    assert again.summary["reused_stages"] == ["cameras", "tracking"]
+    assert again.summary["reused_stages"] == ["cameras", "tracking", "injection"]
     assert again.displacement.attrs["relative_to"] == "mean of the still interval"
     method["tracker"] = "template"
     assert measure(changed(session, method=method), out).summary["reused_stages"] == ["cameras"]

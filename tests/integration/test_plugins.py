@@ -87,7 +87,7 @@ def test_its_setting_changes_the_key_of_the_tracks_and_of_nothing_before(measure
     assert one.key("cameras") == other.key("cameras")
     assert one.key("tracks") != other.key("tracks")
     assert Measurement(session).key("tracks") == one.key("tracks")
-    assert measure(session, folder).reused == ["cameras", "tracking"]
+    assert measure(session, folder).reused == ["cameras", "tracking", "injection"]
 
 
 def test_a_table_of_a_tracker_that_is_not_chosen_changes_no_tracks(measured):

@@ -41,7 +41,7 @@ READERS = {
     "point.view": ("expectation", "cameras", "points", "audit"),
     "point.pixel": ("expectation", "cameras", "points", "displacement", "audit"),
     "point.static": ("cameras", "steady", "aligned", "audit"),
-    "point.pixel_in": ("expectation", "cameras", "audit"),
+    "point.pixel_in": ("expectation", "cameras", "points", "audit"),
     "sensor": (),
     "chessboard": ("cameras",),
     "method.tracker": ("expectation", "subsets", "tracks", "displacement", "audit"),
@@ -95,7 +95,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
         ],
         sensor=[{"name": "acc", "file": "corners.csv", "point": "mid", "columns": {"time": "t"}, "units": "g"}],
         chessboard={"pattern": [7, 5], "square_mm": 30.0, "images": {"left": "board.png"}},
-        method={"still_interval_s": [0.0, 1.0]},
+        method={"still_interval_s": [0.0, 1.0], "matching": "sift"},
     )
 
 

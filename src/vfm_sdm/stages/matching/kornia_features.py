@@ -19,8 +19,9 @@ from vfm_sdm.stages.matching.features import FeatureMatches
 
 __all__ = ["AUTOMATIC", "KorniaMatcher", "choose_matcher"]
 
-AUTOMATIC = ("xfeat", "aliked+lightglue")
-"""What ``auto`` takes, the first whose packages and weights are here."""
+AUTOMATIC = ("aliked+lightglue", "xfeat")
+"""What ``auto`` takes, the first whose packages and weights are here: ALIKED places features to a fraction of a pixel
+and bears every kind of texture; XFeat takes half the time and finds more on built structures, at whole pixels."""
 
 _LONG_SIDE_PX = 1024
 """Images with a longer side are reduced to it: the networks were trained on images of about this size."""

@@ -6,15 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
-from vfm_sdm.core.covariances import judged_std
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign
 
 __all__ = ["SplitSubsets"]
 
 _LEAST_SIDE_PX = 11
-_TOLD_PX = 0.1
-"""Stated standard deviation up to which a half says where it is [px]."""
 _EVERY = 4
 """Frames between two measurements: enough for a root mean square, at a small part of the tracking's cost."""
 _OFTEN = 0.8
@@ -42,11 +39,16 @@ class SplitSubsets:
         self._whole, self._executor = whole, executor
         self._apart = np.column_stack([whole.subset_px // 4, np.zeros(len(whole))])
         places = np.concatenate([whole.points - self._apart, whole.points + self._apart])
-        given = whole.designs or tuple(SubsetDesign(px) for px in whole.subset_px.tolist())
-        designs = [None if design is None else _cut_half(design, side) for side in (-1, 1) for design in given]
         self._bank = None
-        if any(design is not None for design in designs):
-            self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
+        if whole.designs is None:  # all of one size, which need no masks
+            half_px = 2 * (int(whole.subset_px.max(initial=0)) // 4) + 1
+            if half_px >= _LEAST_SIDE_PX:
+                self._bank = SubsetBank.prepare(reference, places, subset_px=half_px, executor=executor)
+        else:
+            given = [(design, side) for side in (-1, 1) for design in whole.designs]
+            designs = [None if design is None else _cut_half(design, side) for design, side in given]
+            if any(design is not None for design in designs):
+                self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
         self._found: list[FloatArray] = []
         self._covariances: list[FloatArray] = []
         self._tried = np.zeros(len(whole), np.int64)
@@ -91,13 +93,10 @@ class SplitSubsets:
         rows = np.arange(len(bank))
         raw = bank.run(luma, rows, np.concatenate([start, both.reshape(-1, 4)], axis=1), executor=self._executor)
         place = np.where(raw.converged[:, None], bank.position(rows, raw.warps), np.nan)
-        covariance = np.full((len(self._whole), 2, 2), np.nan)
-        if self._whole.designs is not None:
-            registered = bank.interpret(raw)
-            told = judged_std(registered.covariance, bank.edge_across) <= _TOLD_PX
-            place = np.where(told[:, None], place, np.nan)
-            covariance = np.sum(np.split(registered.covariance, 2), axis=0)
         left, right = np.split(place, 2)
+        covariance = np.full((len(left), 2, 2), np.nan)
+        if self._whole.designs is not None:
+            covariance = np.sum(np.split(bank.interpret(raw).covariance, 2), axis=0)
         return right - left - 2 * self._apart, covariance
 
 

@@ -209,7 +209,7 @@ def test_a_clock_that_nobody_knows():
 
 def test_points_that_the_clocks_leave_out_are_named():
     uses = np.array([[ClockUse.USED, ClockUse.USED], [ClockUse.USED, ClockUse.DISAGREES]], dtype=object)
-    inputs = {"session": session(), "tracks": {"left": 0, "right": 0}}
+    inputs = {"session": session(), "tracks": {"left": tracks(), "right": tracks()}}
     found = check_synchronization(AuditInputs(**inputs, aligned=aligned().assign(clock_use=(("view", "point"), uses))))
     assert found.outcome == Outcome.PASS
     assert found.sentence.endswith("without 'wall', which moves otherwise than most: check its place")
