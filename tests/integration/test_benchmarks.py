@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[2]
 SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
+    "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
     "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],
     "tracking": ["--frames", "4", "--slow-frames", "3", "--repeats", "1"],
     "triangulation": ["--points", "40", "--rounds", "1"],

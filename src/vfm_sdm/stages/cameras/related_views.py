@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
@@ -191,8 +191,7 @@ def relate_view(
     matches = Matches(0, index, found.points_first, found.points_second)
     # Tiles, balusters and windows agree with many poses, each of them shifted by a step.
     on_repeats = lie_on_repeats(matches.points_first, features[0]) | lie_on_repeats(matches.points_second, features[1])
-    alone = matches.chosen(~on_repeats)
-    free = _relate_freely(names, alone, cameras)
+    free = _relate_freely(names, matches, cameras, ~on_repeats)
     by_hand = _relate_by_hand(known, cameras)
     if known.face is None:
         return [free if not free.fault else by_hand or free]
@@ -200,18 +199,27 @@ def relate_view(
     related = _guide(names, (features[0], images), cameras, (proposals, known.face))
     clear = [one for one in related if not one.fault]
     if not free.fault:
-        same = [_joined(one, free, cameras[0]) for one in clear or related]
+        same = [_joined(one, free, cameras[0]) for one in clear]
         clear = [one for one in same if one is not None] or [*clear, free]
     clear.sort(key=lambda one: -one.clearness)
     return clear or [by_hand or free]
 
 
-def _relate_freely(names: tuple[str, str], matches: Matches, cameras: tuple[Camera, Camera]) -> RelatedView:
-    """The pose that most matches agree with, whatever the site says."""
+def _relate_freely(
+    names: tuple[str, str], matches: Matches, cameras: tuple[Camera, Camera], alone: BoolArray
+) -> RelatedView:
+    """The pose that most matches agree with, whatever the site says; enough of them beside what repeats (``alone``)."""
     pose, agree = estimate_relative_pose(matches.points_first, matches.points_second, *cameras)
     real, chance = measure_agreement(agree, matches, cameras), chance_agreement(matches, cameras)
     one = RelatedView(replace(cameras[1], cam_from_world=pose), matches.chosen(agree), real, chance)
-    return _judged(names, one, len(matches))
+    judged = _judged(names, one, len(matches))
+    if judged.fault or (agree & alone).sum() >= MIN_INLIERS:
+        return judged
+    fault = (
+        f"{names[0]} and {names[1]}: all but {(agree & alone).sum()} of {agree.sum()} matches lie on what repeats, "
+        f"{MIN_INLIERS} others are needed; name five points in both views (pixel_in), or choose views that show more"
+    )
+    return replace(judged, fault=fault, status=CameraStatus.NOT_CLEAR)
 
 
 def _named_pairs(session: Session, views: tuple[str, str], index: int) -> Matches | None:

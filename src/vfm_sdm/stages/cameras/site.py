@@ -26,6 +26,11 @@ from vfm_sdm.stages.matching.matches import Matches
 __all__ = ["SiteAdjustment", "SiteQuantity", "adjust_to_site", "compare_rigs"]
 
 _DISAGREEMENT_STD = 3.0
+_CONTRADICTED_STD = 5.0
+"""Residual over its own standard deviation from which a reading is contradicted. Baarda's 3.3 is for observations whose
+weights are known exactly; those of matches are not."""
+_LEAST_REDUNDANCY = 0.01
+"""Share of a reading that the others must check."""
 _DETERMINED = 0.9
 """A quantity counts as determined by the data when its std is below this share of its prior std."""
 _USABLE_FOCAL_STD = 0.1
@@ -66,6 +71,26 @@ class SiteQuantity:
     def deviation(self) -> float:
         """Distance of the adjusted value from the prior [prior standard deviations]."""
         return abs(self.value - self.prior) / self.prior_std
+
+    @property
+    def contradiction(self) -> float:
+        """Distance from the prior over the standard deviation of that distance [1]; 0 where nothing else tells it.
+
+        The test of single observations of a least-squares adjustment [1]_: a reading that others hardly check moves the
+        result rather than itself, and a deviation far below its own standard deviation betrays it.
+
+        References
+        ----------
+        .. [1] Baarda, W. (1968). A testing procedure for use in geodetic networks. Netherlands Geodetic Commission,
+           Publications on Geodesy 2(5).
+
+        Examples
+        --------
+        >>> SiteQuantity("baseline", "m", prior=3.0, prior_std=0.01, value=3.006, std=0.0099).contradiction > 4
+        True
+        """
+        redundancy = 1 - (self.std / self.prior_std) ** 2
+        return self.deviation / float(np.sqrt(redundancy)) if redundancy > _LEAST_REDUNDANCY else 0.0
 
     @property
     def determined(self) -> bool:
@@ -250,10 +275,12 @@ def _list_quantities(problem: SiteProblem, solution: FloatArray, whitened: Float
 def _judge(quantities: tuple[SiteQuantity, ...], problem: SiteProblem, converged: bool) -> tuple[str, tuple[str, ...]]:
     """Status and the sentences that explain it."""
     notes = list(problem.notes)
-    disagreeing = [q for q in quantities if q.deviation > _DISAGREEMENT_STD]
+    disagreeing = [
+        q for q in quantities if q.deviation > _DISAGREEMENT_STD or (q.measured and q.contradiction > _CONTRADICTED_STD)
+    ]
     notes += [
         f"{q.name}: expected {q.prior:.6g} +- {q.prior_std:.2g} {q.units}, the adjustment gives {q.value:.6g} "
-        f"({q.deviation:.1f} standard deviations away)"
+        f"({max(q.deviation, q.contradiction):.1f} standard deviations away)"
         for q in disagreeing
     ]
     undetermined = [q.name for q in quantities if not (q.determined or q.measured)]
