@@ -116,7 +116,8 @@ def test_refinement_leaves_edges_alone_and_says_so(scene, measured):
 def test_the_audit_looks_at_what_is_measured(scene, measured):
     tracks, rig, frame = scene
     views = {str(v): tracks.sel(view=v, drop=True) for v in tracks["view"].values}
-    cameras = CameraSolution(rig=rig, frame=frame, status="ok", covariance=None, points=None, epipolar_rms_px=0.1)
+    nowhere = xr.Dataset(coords={"view": []})
+    cameras = CameraSolution(rig=rig, frame=frame, status="ok", covariance=None, points=nowhere, epipolar_rms_px=0.1)
     inputs = AuditInputs(
         session=session(), cameras=cameras, tracks=views, aligned=tracks, displacement=measured, unrefined=measured
     )
