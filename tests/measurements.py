@@ -20,6 +20,7 @@ from vfm_sdm.inputs.session import Length, Lens, Level, Measured, Method, Point,
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
 from vfm_sdm.stages.cameras.site import adjust_to_site
+from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
@@ -377,7 +378,8 @@ def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: 
     pixels = {point.name: clicked[:, index] for index, point in enumerate(session.point)}
     matches = _matches(c, rig, rng)
     prior = _prior_rig(c, session, matches)
-    adjusted = adjust_to_site(prior, (matches,), session.site, pixels, face_points=frozenset(MOVING))
+    points = {name: SitePoint(u, on_face=name in MOVING) for name, u in pixels.items()}
+    adjusted = adjust_to_site(prior, (matches,), session.site, points)
     return CameraSolution(
         adjusted.rig,
         adjusted.frame,

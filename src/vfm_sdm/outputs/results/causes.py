@@ -7,6 +7,7 @@ import xarray as xr
 
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import CameraStatus, ClockStatus, PointStatus
+from vfm_sdm.outputs.results.notes import describe_subsets, subset_notes
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
 __all__ = ["first_cause"]
@@ -42,6 +43,12 @@ def _list_causes(
     """Faults in the order of the way from recordings to displacement; at least one."""
     if solution.rig is None and len(tracks) > 1:
         yield f"cameras: {solution.status}" + "".join(f"; {note}" for note in solution.notes[-1:])
+    # A place without texture in the view where a point was named is not found in the other views either.
+    for followed in list(tracks.values())[:1]:
+        if (subsets := describe_subsets(followed)) and all(
+            row["status"] == PointStatus.NO_TEXTURE for row in subsets.values()
+        ):
+            yield f"points: none can be followed; {subset_notes(tracks)[0]}"
     found = solution.points["status"] == PointStatus.OK
     if len(tracks) > 1 and not (found.sum("view") >= 2).any():
         yield (

@@ -20,6 +20,7 @@ from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
+from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["SiteAdjustment", "SiteQuantity", "adjust_to_site", "compare_rigs"]
@@ -112,9 +113,8 @@ def adjust_to_site(
     rig: Rig,
     matches: Sequence[Matches],
     site: Site,
-    points: Mapping[str, FloatArray] | None = None,
+    points: Mapping[str, SitePoint] | None = None,
     *,
-    face_points: frozenset[str] = frozenset(),
     readings: Mapping[str, Readings] | None = None,
 ) -> SiteAdjustment:
     """Cameras and structural axes that agree best with lens priors, matches and everything measured on site.
@@ -129,10 +129,7 @@ def adjust_to_site(
     site
         Lengths and readings that were measured on site.
     points
-        Pixels of the named points in every view, shape (V, 2) each [px], NaN where one of more than two views does not
-        see a point; ranges and lengths refer to them.
-    face_points
-        Names of those points that lie on the structure's face, whose perpendicular distance was measured.
+        Named points in every view; ranges and lengths refer to them.
     readings
         What was read at cameras other than the reference camera, by view.
 
@@ -154,7 +151,7 @@ def adjust_to_site(
     parameters of the rig by central differences. Errors of matches are correlated over the image, so that thousands of
     them carry the weight of a few dozen: see `vfm_sdm.stages.cameras.site_problem.SiteProblem`.
     """
-    problem = SiteProblem(rig, matches, site, points or {}, face_points=face_points, readings=readings or {})
+    problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
     solution = _minimize_residuals(problem, np.zeros(problem.size))
     if problem.cell_rms(solution.x) > problem.match_std_px:
         # The errors of the camera model exceed the assumed standard deviation: the matches get less weight.

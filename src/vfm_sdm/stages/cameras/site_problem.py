@@ -1,6 +1,6 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -13,7 +13,7 @@ from vfm_sdm.geometry.triangulation import sampson_error, triangulate
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.match_cells import group_matches, group_points
 from vfm_sdm.stages.cameras.shared_points import chain_matches
-from vfm_sdm.stages.cameras.site_values import AdjustedValue, SiteState, list_measured
+from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["DISTANCE", "MATCH_STD_PX", "SiteProblem"]
@@ -28,7 +28,6 @@ _POSE_PARAMETERS = 7
 _RIGS_KEPT = 64
 _ROBUST_STD = 3.0
 _OUTLIER = 1e3
-_POINT_STD_PX = 0.5
 _UNSTATED_LEVEL_STD = np.radians(1.0)
 """Standard deviation of pitch and roll without a level reading: a tripod head set by eye [rad]."""
 
@@ -38,7 +37,7 @@ class SiteProblem:
 
     Parameters
     ----------
-    rig, matches, site, points, face_points, readings
+    rig, matches, site, points, readings
         Arguments of `vfm_sdm.stages.cameras.site.adjust_to_site`.
 
     Raises
@@ -68,9 +67,8 @@ class SiteProblem:
         rig: Rig,
         matches: Sequence[Matches],
         site: Site,
-        points: Mapping[str, FloatArray],
+        points: Mapping[str, SitePoint],
         *,
-        face_points: Iterable[str] = (),
         readings: Mapping[str, Readings],
     ) -> None:
         if rig.covariance is None:
@@ -79,9 +77,11 @@ class SiteProblem:
         self._rigs: dict[bytes, Rig] = {}
         self._site = site
         self._readings = dict(readings)
-        self._face = [name for name in face_points if name in points]
+        self._face = [name for name, point in points.items() if point.on_face]
         self.has_axes = site.perpendicular_distance is not None and site.longitudinal_distance is not None
-        self._points = {name: as_float_array(points[name], f"point {name!r}", (len(rig), 2)) for name in points}
+        self._points = dict(points)
+        for name, point in points.items():
+            as_float_array(point.pixels, f"point {name!r}", (len(rig), 2))
         self._used = self._list_used_points()
         self._cells = [group_matches(m, rig.cameras[m.first].image_size) for m in matches if len(m.points_first)]
         pairs, shared = chain_matches(matches)
@@ -325,8 +325,9 @@ class SiteProblem:
         """Named points in the reference camera's frame, shape (3,) each [m], with the pixel errors at ``z``."""
         if not self._used:
             return {}
-        shift = _POINT_STD_PX * z[self._rig_size + self._extra_std.size :].reshape(len(self._used), len(rig), 2)
-        pixels = np.stack([self._points[name] for name in self._used]) + shift
+        used = [self._points[name] for name in self._used]
+        errors = z[self._rig_size + self._extra_std.size :].reshape(len(used), len(rig), 2)
+        pixels = np.stack([one.pixels for one in used]) + np.stack([one.std_px for one in used]) * errors
         return dict(zip(self._used, triangulate(pixels.swapaxes(0, 1), rig), strict=True))
 
     def _state(self, z: FloatArray) -> SiteState:

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import structure_from_cam1
 from vfm_sdm.inputs.session import Level, Readings, Site
 
-__all__ = ["AdjustedValue", "SiteState", "list_measured"]
+__all__ = ["AdjustedValue", "SitePoint", "SiteState", "list_measured"]
+
+_POINTED_STD_PX = 0.5
+"""Least standard deviation of where a point that somebody measured to lies [px]."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,31 @@ class AdjustedValue:
     prior_std: float
     value: float
     measured: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class SitePoint:
+    """A named point as the views see it.
+
+    Parameters
+    ----------
+    pixels
+        Its place in each of V views, shape (V, 2) [px]; NaN where one of more than two views does not see it.
+    std_px
+        Standard deviation of these, shape (V, 2) [px]; half a pixel at least.
+    on_face
+        Whether it lies on the structure's face, whose perpendicular distance was measured.
+    """
+
+    pixels: FloatArray
+    std_px: FloatArray | float = _POINTED_STD_PX
+    on_face: bool = False
+
+    def __post_init__(self) -> None:
+        pixels = as_float_array(self.pixels, "pixels of a point", (None, 2))
+        std = np.broadcast_to(np.asarray(self.std_px, dtype=np.float64), pixels.shape)
+        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "std_px", np.fmax(std, _POINTED_STD_PX))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import CameraStatus, PointStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import FirstFrames, Session, Site
 from vfm_sdm.stages.cameras.base import CameraEstimator, Hypothesis
 from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
+from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.locate import PointFinder
@@ -115,22 +115,25 @@ def _with_poses_of(prior: Rig, adjusted: Rig) -> Rig:
 
 def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[SiteAdjustment, list[str]]:
     """The cameras adjusted to everything measured on site to points seen in two views, and what had to be left out."""
-    position = points["position"].transpose("point", "view", "pixel").values
-    enough = np.isfinite(position).all(axis=2).sum(axis=1) >= 2
-    seen = {str(n): uv for n, uv, ok in zip(points["point"].values, position, enough, strict=True) if ok}
+    position, std = (points[name].transpose("point", "view", "pixel").values for name in ("position", "position_std"))
+    moving = {p.name for p in session.point if not p.static}
+    seen = {
+        str(name): SitePoint(pixels, std_px, str(name) in moving)
+        for name, pixels, std_px in zip(points["point"].values, position, std, strict=True)
+        if np.isfinite(pixels).all(axis=1).sum() >= 2
+    }
     site, unused = _drop_unseen_lengths(session.site, seen)
     adjusted = adjust_to_site(
         one.rig,
         one.matches,
         site,
         seen,
-        face_points=frozenset(p.name for p in session.point if not p.static and p.name in seen),
         readings={view.name: view for view in session.view[1:]},
     )
     return adjusted, unused
 
 
-def _drop_unseen_lengths(site: Site, seen: Mapping[str, FloatArray]) -> tuple[Site, list[str]]:
+def _drop_unseen_lengths(site: Site, seen: Mapping[str, SitePoint]) -> tuple[Site, list[str]]:
     """Site without lengths to points that are not seen in two views, and sentences about those lengths."""
     ranges = tuple(r for r in site.range if r.point in seen)
     lengths = tuple(one for one in site.length if set(one.points) <= set(seen))

@@ -17,7 +17,7 @@ from vfm_sdm.inputs.session import Site
 from vfm_sdm.stages.matching.epipolar import UNKNOWN_STD, camera_steps
 from vfm_sdm.stages.matching.starts import TILTS
 
-__all__ = ["Expected", "Face", "expect_anywhere", "expect_on_face", "know_face"]
+__all__ = ["FAR_OUTSIDE_PX", "Expected", "Face", "expect_anywhere", "expect_on_face", "know_face"]
 
 _MODEL_STD_PX = 1.0
 """What lens model and affine maps leave out, for each point by itself [px]."""
@@ -27,7 +27,8 @@ _MIDDLE_DEPTH = 6.0
 """Depth, in baselines, for which small planes are mapped where nothing else is known: angles of some ten degrees."""
 _LEAST_AREA = 0.1
 """Area of a subset in the second view, over that in the first, below which they cannot be compared."""
-_FAR_OUTSIDE_PX = -1e6
+FAR_OUTSIDE_PX = -1e6
+"""Where a point is expected that the second camera cannot see [px]."""
 _DEPTHS = 0.7, 2.0
 """Depths of a point that need not lie on the face, over the depth of the face on its viewing ray."""
 
@@ -179,7 +180,7 @@ def expect_on_face(
         position[number], half[number] = _line_part(points2d[number], first, second, face)
     # What the second camera cannot see is expected where its picture is not.
     seen = np.isfinite(position).all(axis=1) & np.isfinite(half).all(axis=1) & np.isfinite(shared).all(axis=(1, 2))
-    position[~seen], half[~seen], shared[~seen] = _FAR_OUTSIDE_PX, 0.0, 0.0
+    position[~seen], half[~seen], shared[~seen] = FAR_OUTSIDE_PX, 0.0, 0.0
     own = np.einsum("pi,pj->pij", half, half) + _MODEL_STD_PX**2 * np.eye(2)
     maps = tuple(
         _plane_maps(point, first, second, face, normals=1 if flat else 2)

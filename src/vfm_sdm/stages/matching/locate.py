@@ -1,7 +1,7 @@
 """Points named in one view, found in all others (section Overall pipeline, step A of Figure 4)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,7 @@ from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
 from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.correspondence import Correspondence, Surface, find_correspondences
-from vfm_sdm.stages.matching.expected import Face, expect_anywhere, expect_on_face, know_face
+from vfm_sdm.stages.matching.expected import FAR_OUTSIDE_PX, Expected, Face, expect_anywhere, expect_on_face, know_face
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.placing import Known, Place, place_points
@@ -25,6 +25,8 @@ __all__ = ["PointFinder"]
 
 _EPIPOLAR_BAND = 5e-3
 """Matches within this share of the image width from a known rig's epipolar lines help to find points."""
+_EXCLUDED_STD = 5.0
+"""Distance from where a point is expected beyond which it is another place [standard deviations]."""
 _UNSEEN = (PointStatus.NOT_LOOKED_FOR, PointStatus.NOT_FOUND, PointStatus.NOT_RETURNED)
 """Statuses of points that another way of looking may find."""
 
@@ -61,7 +63,8 @@ class PointFinder:
         -----
         Where the face is known, all points are placed together (`place_points`); those that this does not find, and
         all where there is no face, are searched for along their epipolar lines one by one (`find_correspondences`).
-        Places that the user named stay where they are within the user's accuracy.
+        Places that the user named stay where they are within the user's accuracy. What such a search finds far from
+        where cameras and face expect the point is another place that looks alike, and not it.
         """
         views = list(self.frames)
         points = named_points(self.session, views)
@@ -80,7 +83,11 @@ class PointFinder:
                 between = _between(matches, views.index(source), views.index(target))
                 given = {number: suggested[i] for number, i in enumerate(alone) if i in suggested}
                 left = [named[i] for i in alone]
-                _enter(points, left, target, self._correspondences(left, rig, between, given=given))
+                found = self._correspondences(left, rig, between, given=given)
+                if face is not None:
+                    expected = self._expect(left, metric, face, (source, target))
+                    found = _keep_expected(found, expected, [not p.static for p in left])
+                _enter(points, left, target, found)
         return points
 
     def find_on_face(self, points: xr.Dataset, rig: Rig, frame: StructureFrame) -> xr.Dataset:
@@ -129,14 +136,10 @@ class PointFinder:
         helping = [p for p in self.session.point if p.view == source and p.name not in names]
         helping = [p for p in helping if points["status"].sel(view=target, point=p.name) == PointStatus.OK]
         everyone = [*wanted, *helping]
-        numbers = list(self.frames).index(source), list(self.frames).index(target)
         pixels = np.array([p.pixel for p in everyone])
         given = {i: np.array(p.pixel_in[target]) for i, p in enumerate(wanted) if target in p.pixel_in}
         known = {i: _place_of(points, target, p.name) for i, p in enumerate(everyone) if i >= len(wanted)}
-        if face is None:
-            expected = expect_anywhere(pixels, rig, numbers)
-        else:
-            expected = expect_on_face(pixels, rig, numbers, face, on_face=np.array([not p.static for p in everyone]))
+        expected = self._expect(everyone, rig, face, views)
         places = place_points(
             (self.frames[source], self.frames[target]),
             pixels,
@@ -145,6 +148,15 @@ class PointFinder:
             known=Known(given, known),
         )
         return _as_correspondence(places[: len(wanted)])
+
+    def _expect(self, points: Sequence[Point], rig: Rig, face: Face | None, views: tuple[str, str]) -> Expected:
+        """Where points of the first of two views are expected in the second."""
+        source, target = (list(self.frames).index(view) for view in views)
+        pixels = np.array([p.pixel for p in points])
+        if face is None:
+            return expect_anywhere(pixels, rig, (source, target))
+        on_face = np.array([not p.static for p in points])
+        return expect_on_face(pixels, rig, (source, target), face, on_face=on_face)
 
     def _correspondences(
         self,
@@ -191,6 +203,22 @@ def _enter(
         points["position"].loc[here] = found.points2d[number]
         points["position_std"].loc[here] = std[number]
         points["status"].loc[here] = str(found.status[number])
+
+
+def _keep_expected(found: Correspondence, expected: Expected, on_face: Sequence[bool]) -> Correspondence:
+    """What was found, without places of points on the face that it excludes; a ray may also miss it."""
+    away = found.points2d - expected.position
+    covariance = expected.own + expected.shared @ expected.shared.swapaxes(1, 2)
+    squared = np.einsum("pi,pi->p", away, np.linalg.solve(covariance, away[..., None])[..., 0])
+    excluded = (squared > _EXCLUDED_STD**2) & np.array(on_face) & (expected.position > FAR_OUTSIDE_PX).all(axis=1)
+    return replace(
+        found,
+        points2d=np.where(excluded[:, None], np.nan, found.points2d),
+        covariance=np.where(excluded[:, None, None], np.nan, found.covariance),
+        status=tuple(
+            PointStatus.NOT_FOUND if far else status for far, status in zip(excluded, found.status, strict=True)
+        ),
+    )
 
 
 def _is_missing(point: Point, view: str, points: xr.Dataset) -> bool:

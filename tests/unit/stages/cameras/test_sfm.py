@@ -22,6 +22,7 @@ from vfm_sdm.stages.cameras.base import estimator_of
 from vfm_sdm.stages.cameras.file import write_rig
 from vfm_sdm.stages.cameras.sfm import SfmCameras
 from vfm_sdm.stages.cameras.site import adjust_to_site
+from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching import learned_features
 from vfm_sdm.stages.matching.learned_features import MATCHERS, LearnedMatcher
 
@@ -104,7 +105,7 @@ class TestTruth:
             range=[{"point": "p", "value": distance, "std": 0.001 * distance}],
         )
         pixels = project_all(rig, POINT[None])[:, 0]
-        adjustment = adjust_to_site(estimate.rig, estimate.matches, site, {"p": pixels})
+        adjustment = adjust_to_site(estimate.rig, estimate.matches, site, {"p": SitePoint(pixels)})
         sensitivity = compute_gain_sensitivity(pixels[:, None], adjustment.rig)
         stated = np.diag(compute_gain_std(sensitivity, np.eye(3), adjustment.covariance)[0])
         error = np.abs(gain_error(rig, adjustment.rig, POINT))

@@ -9,6 +9,7 @@ from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Level, Readings, Site
 from vfm_sdm.stages.cameras.site import adjust_to_site
+from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
 
 
@@ -25,7 +26,9 @@ def measured_site(trial, rng, *, range_std=None, baseline_std=0.01, **more):
 def adjusted_gain(trial, rng, **site):
     """Errors of the displacement gain along the reference camera's axes, their stated std, the adjustment."""
     pixels = trial.pixels + rng.normal(0, 0.1, trial.pixels.shape)
-    adjustment = adjust_to_site(trial.prior, [trial.matches], measured_site(trial, rng, **site), {"p": pixels})
+    adjustment = adjust_to_site(
+        trial.prior, [trial.matches], measured_site(trial, rng, **site), {"p": SitePoint(pixels)}
+    )
     sensitivity = compute_gain_sensitivity(trial.pixels[:, None], adjustment.rig)
     stated = np.diag(compute_gain_std(sensitivity, np.eye(3), adjustment.covariance)[0])
     return gain_error(trial.truth, adjustment.rig, trial.point), stated, adjustment
@@ -102,7 +105,7 @@ def test_a_focal_prior_that_contradicts_a_range_is_named():
         baseline={"value": trial.truth.baseline(), "std": 0.005},
         range=[{"point": "p", "value": 1.2 * float(np.linalg.norm(trial.point)), "std": 0.02}],
     )
-    adjustment = adjust_to_site(trial.prior, [trial.matches], wrong, {"p": trial.pixels})
+    adjustment = adjust_to_site(trial.prior, [trial.matches], wrong, {"p": SitePoint(trial.pixels)})
     assert adjustment.status == CameraStatus.DISAGREE
     assert any("standard deviations away" in note for note in adjustment.notes)
 
@@ -133,7 +136,7 @@ def test_a_length_between_two_points_sets_the_scale():
     u = project_all(trial.truth, ends)
     length = {"points": ("p", "q"), "value": float(np.linalg.norm(ends[0] - ends[1])), "std": 0.002}
     site = Site(length=[length])
-    adjustment = adjust_to_site(trial.prior, [trial.matches], site, {"p": u[:, 0], "q": u[:, 1]})
+    adjustment = adjust_to_site(trial.prior, [trial.matches], site, {"p": SitePoint(u[:, 0]), "q": SitePoint(u[:, 1])})
     assert adjustment.rig.baseline() == pytest.approx(trial.truth.baseline(), rel=0.005)
 
 
@@ -181,8 +184,8 @@ class TestStructuralAxes:
         on_face = ray * 9.0 / (lateral @ ray)
         u = project_all(trial.truth, on_face[None])[:, 0]
         site = self.site(trial, face_offset_std=0.05)
-        without = adjust_to_site(trial.prior, [trial.matches], site, {"p": u})
-        with_face = adjust_to_site(trial.prior, [trial.matches], site, {"p": u}, face_points=frozenset({"p"}))
+        without = adjust_to_site(trial.prior, [trial.matches], site, {"p": SitePoint(u)})
+        with_face = adjust_to_site(trial.prior, [trial.matches], site, {"p": SitePoint(u, on_face=True)})
         stds = [np.sqrt(a.covariance[0, 0]) for a in (without, with_face)]
         assert stds[1] < 0.6 * stds[0]
 

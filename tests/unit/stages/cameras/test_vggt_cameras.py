@@ -22,6 +22,7 @@ from vfm_sdm.networks.vggt.pose import FOV, QUATERNION
 from vfm_sdm.stages.cameras.base import estimator_of, find_estimator
 from vfm_sdm.stages.cameras.priors import read_priors
 from vfm_sdm.stages.cameras.site import adjust_to_site
+from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
 
 # Width and height of a picture, and what VGGT makes of it: 518 px along the longer side, whole patches of 14 px.
@@ -236,8 +237,12 @@ class TestOnSite:
             baseline=measured,
             range=[{"point": f"p{i}", "value": d, "std": 0.001 * d} for i, d in enumerate(distances)],
         )
-        pixels = {f"p{i}": u for i, u in enumerate(project_all(rig, self.POINTS).swapaxes(0, 1))}
-        return rig, estimate, adjust_to_site(estimate.rig, [self.matches(rig)], site, pixels)
+        points = {f"p{i}": SitePoint(u) for i, u in enumerate(project_all(rig, self.POINTS).swapaxes(0, 1))}
+        return (
+            rig,
+            estimate,
+            adjust_to_site(estimate.rig, [self.matches(rig)], site, points),
+        )
 
     def test_tape_and_ranges_correct_the_prior(self, tmp_path):
         rig, estimate, adjustment = self.adjusted(tmp_path, 1.04)

@@ -11,7 +11,9 @@ from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle,
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.matching import locate
 from vfm_sdm.stages.matching.correspondence import Correspondence
+from vfm_sdm.stages.matching.expected import expect_on_face, know_face
 from vfm_sdm.stages.matching.locate import PointFinder
+from vfm_sdm.stages.matching.placing import Place
 
 SIZE = (640, 480)
 FRAMES = {name: np.zeros(SIZE[::-1], np.uint8) for name in ("left", "right")}
@@ -117,3 +119,28 @@ def test_without_a_distance_in_metres_there_is_no_second_look(asked, case):
     before = state_before()
     assert looked_again(before, rig_known=rig(metric=case != "no scale"), **site).identical(before)
     assert asked == []
+
+
+@pytest.mark.parametrize(("off_px", "kept"), [(1.0, True), (150.0, False)])
+def test_a_look_alike_far_from_the_face_is_no_place_of_a_point_on_it(monkeypatch, off_px, kept):
+    cameras = rig()
+    std = np.concatenate([[1e-3, 1.0, 1.0, 1e-3, *[0.0] * 6], [1e-3, 1.0, 1.0, 1e-3, *[1e-3] * 6]])
+    cameras = Rig(cameras.names, cameras.cameras, cameras.metric, np.diag(std**2))
+    _, face = know_face(session().site, cameras)
+    place = expect_on_face(np.array([[300.0, 200.0]]), cameras, (0, 1), face, on_face=np.array([True])).position[0]
+
+    def find(views, points2d, *, subset_px, given, surface):
+        shape = len(points2d), 2
+        found = np.tile(place + np.array([off_px, 0.0]), (shape[0], 1))
+        ok = (PointStatus.OK,) * shape[0]
+        return Correspondence(found, np.zeros((*shape, 2)), np.ones(1), np.zeros(1), ok)
+
+    monkeypatch.setattr(locate, "find_correspondences", find)
+    monkeypatch.setattr(locate, "_features_near", lambda *_: ())
+    nothing = Place(np.full(2, np.nan), np.full((2, 2), np.nan), np.nan, PointStatus.NOT_FOUND)
+    monkeypatch.setattr(locate, "place_points", lambda _, pixels, *__, **___: [nothing] * len(pixels))
+    points = PointFinder(session(), FRAMES).find(cameras, ()).sel(view="right")
+    assert (points["status"].sel(point="web") == PointStatus.OK) == kept
+    assert np.isfinite(points["position"].sel(point="web")).all() == kept
+    # A point behind the structure may lie anywhere along its line.
+    assert points["status"].sel(point="abutment") == PointStatus.OK
