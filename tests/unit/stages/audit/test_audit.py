@@ -169,6 +169,19 @@ def test_halves_of_a_subset_that_part_are_found():
     assert found.where.endswith("in right")
 
 
+def test_halves_that_state_less_noise_than_the_whole_are_not_blamed():
+    run = good_run(0)
+    whole = run.tracks["right"]["position_covariance"]
+    std = np.sqrt(np.einsum("tpii->tp", whole.values).mean())
+    noise = np.random.default_rng(2).normal(0, 2 * std, run.tracks["right"]["position"].shape)
+    claimed = whole.copy(data=1e-4 * whole.values).rename("half_covariance")
+    halves = run.tracks["right"].assign(
+        half_difference=run.tracks["right"]["position"].copy(data=noise), half_covariance=claimed
+    )
+    found = audited(replace(run, tracks={**run.tracks, "right": halves}))["halves of a subset"]
+    assert found.value == 0.0
+
+
 def pictures(contrast: float, noise: float) -> dict[str, np.ndarray]:
     """First frames of a texture that repeats every 480 px, with noise of their own."""
     v, u = np.mgrid[:480, :480].astype(float)
