@@ -5,7 +5,15 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 
-__all__ = ["edges_across", "find_edges", "judged_std", "largest_std", "measured_variance"]
+__all__ = [
+    "edges_across",
+    "find_edges",
+    "judged_std",
+    "largest_std",
+    "measured_axes",
+    "measured_variance",
+    "raise_variance",
+]
 
 
 def largest_std(covariance: FloatArray) -> FloatArray:
@@ -56,6 +64,28 @@ def judged_std(covariance: FloatArray, across: FloatArray) -> FloatArray:
         return largest_std(covariance)
     variance = np.einsum("pi,...pij,pj->...p", across, covariance, across)
     return np.where(edge, np.sqrt(np.maximum(variance, 0.0)), largest_std(covariance))
+
+
+def measured_axes(across: FloatArray) -> FloatArray:
+    """Directions in which points are judged one by one: u and v, or across an edge and along it.
+
+    Parameters
+    ----------
+    across
+        Unit vectors across edges, shape (..., 2) [1]; NaN for points that are none.
+
+    Returns
+    -------
+    axes
+        Unit vectors as rows, shape (..., 2, 2) [1].
+
+    Examples
+    --------
+    >>> measured_axes(np.array([[0.6, 0.8], [np.nan, np.nan]])).tolist()
+    [[[0.6, 0.8], [-0.8, 0.6]], [[1.0, 0.0], [0.0, 1.0]]]
+    """
+    turned = np.stack([across, np.stack([-across[..., 1], across[..., 0]], axis=-1)], axis=-2)
+    return np.where(np.isfinite(turned), turned, np.eye(2))
 
 
 def measured_variance(covariance: FloatArray, across: FloatArray) -> FloatArray:
@@ -129,3 +159,35 @@ def find_edges(tracks: xr.Dataset) -> BoolArray:
     """
     edge = np.asarray(np.isfinite(edges_across(tracks)).all(axis=-1))
     return np.asarray(edge.any(axis=0) if "view" in tracks.sizes else edge)
+
+
+def raise_variance(covariance: FloatArray, axes: FloatArray, variance: FloatArray) -> FloatArray:
+    """Covariances that state at least these variances along two axes each; correlations stay.
+
+    Parameters
+    ----------
+    covariance
+        Covariances of P points, shape (T, P, 2, 2) [px2]. What is zero stays zero.
+    axes
+        Unit vectors as rows, shape (P, 2, 2) [1], see `measured_axes`.
+    variance
+        Least variances along them, shape (T, P, 2) or (P, 2) [px2]; NaN where nothing is known.
+
+    Returns
+    -------
+    raised
+        Shape (T, P, 2, 2) [px2].
+
+    Examples
+    --------
+    >>> raise_variance(np.eye(2)[None, None], np.eye(2)[None], np.array([[4.0, 0.5]]))[0, 0].tolist()
+    [[4.0, 0.0], [0.0, 1.0]]
+    """
+    back = axes.swapaxes(1, 2)
+    turned = axes @ covariance @ back
+    stated = np.einsum("tpii->tpi", turned)
+    variance = np.broadcast_to(variance, stated.shape)
+    larger = np.isfinite(variance) & (variance > stated) & (stated > 0)
+    factor = np.sqrt(np.divide(variance, stated, out=np.ones_like(stated), where=larger))
+    raised = back @ (turned * factor[..., :, None] * factor[..., None, :]) @ axes
+    return np.where(larger.any(axis=-1)[..., None, None], raised, covariance)

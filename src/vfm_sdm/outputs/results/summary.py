@@ -30,7 +30,7 @@ from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
 __all__ = ["describe_measurement", "read_summary", "summarize_displacement", "write_summary"]
 
-_PROPORTIONAL = ("cameras", "compression")
+_PROPORTIONAL = ("cameras", "compression", "subset")
 """Components of the budget that are proportional to the motion."""
 
 

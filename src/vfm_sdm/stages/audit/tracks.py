@@ -37,6 +37,8 @@ _STILL_CAUTION, _STILL_FAIL = 0.1, 0.5
 """Limits of the motion of what must not move, as shares of the structure's motion [1]."""
 _FOLLOWS_CAUTION, _FOLLOWS_FAIL = 0.1, 0.2
 _FOLLOWS_CORRELATION = 0.7
+_SLIP = 7.0
+"""Times the middle difference of halves (5 standard deviations of noise) beyond which one of them is lost."""
 _HALVES_CAUTION, _HALVES_FAIL = 0.1, 0.3
 _NO_STATIC = (
     "no point that must not move was named and found: a tripod that moves looks like a structure that moves. Name two "
@@ -249,7 +251,7 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
                 known &= np.isfinite(one["half_covariance"].values).all(axis=(1, 2))
             if known.sum() > 10 and motion[number] > 0:
                 noise = NOISE_TRUST**2 * _compute_noise_of_halves(one)
-                excess = max(float(apart[known].var(axis=0).sum()) - noise, 0.0)
+                excess = max(float(_without_slips(apart[known]).var(axis=0).sum()) - noise, 0.0)
                 found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
     return judge(
         name,
@@ -258,6 +260,12 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
         good="both halves of every subset move alike",
         bad="the halves of {} move apart: the square covers an edge, a plant or something else that moves",
     )
+
+
+def _without_slips(apart: FloatArray) -> FloatArray:
+    """Differences (T, 2) without those of frames in which a half lost itself: a second motion is seen all the time."""
+    far = np.abs(apart - np.median(apart, axis=0))
+    return np.asarray(apart[(far <= _SLIP * np.maximum(np.median(far, axis=0), 1e-9)).all(axis=1)])
 
 
 def _find_unchanged(track: xr.Dataset) -> BoolArray:

@@ -24,6 +24,7 @@ from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import NAMED_STD_PX, named_points
+from vfm_sdm.stages.matching.repeats import lie_on_repeats
 from vfm_sdm.stages.matching.smooth import agree_smoothly
 from vfm_sdm.stages.matching.surface_matches import match_through
 
@@ -185,17 +186,21 @@ def relate_view(
     related
         One for each pose, the clearest first; at least one, with a fault where no pose stands out from chance.
     """
-    found = match_features(*images) if matcher is None else matcher.match(images)[0, 1]
+    features = detect_features(images[0]), detect_features(images[1])
+    found = match_features(*images, known=features) if matcher is None else matcher.match(images)[0, 1]
     matches = Matches(0, index, found.points_first, found.points_second)
-    free = _relate_freely(names, matches, cameras)
+    # Tiles, balusters and windows agree with many poses, each of them shifted by a step.
+    on_repeats = lie_on_repeats(matches.points_first, features[0]) | lie_on_repeats(matches.points_second, features[1])
+    alone = matches.chosen(~on_repeats)
+    free = _relate_freely(names, alone, cameras)
     by_hand = _relate_by_hand(known, cameras)
     if known.face is None:
         return [free if not free.fault else by_hand or free]
     proposals = propose_poses(matches, cameras, known.face, known.baseline_m, known.readings)
-    related = _guide(names, images, cameras, (proposals, known.face))
+    related = _guide(names, (features[0], images), cameras, (proposals, known.face))
     clear = [one for one in related if not one.fault]
     if not free.fault:
-        same = [_joined(one, free, cameras[0]) for one in clear]
+        same = [_joined(one, free, cameras[0]) for one in clear or related]
         clear = [one for one in same if one is not None] or [*clear, free]
     clear.sort(key=lambda one: -one.clearness)
     return clear or [by_hand or free]
@@ -257,7 +262,7 @@ def _find_fault(names: tuple[str, str], one: RelatedView, tried: int) -> str:
 
 def _guide(
     names: tuple[str, str],
-    images: tuple[LumaArray, LumaArray],
+    pictures: tuple[ImageFeatures, tuple[LumaArray, LumaArray]],
     cameras: tuple[Camera, Camera],
     proposed: tuple[list[PoseOnFace], Face],
 ) -> list[RelatedView]:
@@ -266,10 +271,9 @@ def _guide(
     A wrong pose guides matches, too, wherever a pattern repeats: what the others reach is chance.
     """
     proposals, face = proposed
-    features = detect_features(images[0])
     guided = []
     for proposal in proposals:
-        found = _match_on_face((features, images), (cameras[0], proposal.camera), face, proposal.matches.second)
+        found = _match_on_face(pictures, (cameras[0], proposal.camera), face, proposal.matches.second)
         guided.append(found if len(found) >= len(proposal.matches) else proposal.matches)
     support = [int(count_places(np.ones((1, len(m)), dtype=np.bool_), m, cameras)[0]) for m in guided]
     related = []

@@ -9,16 +9,17 @@ import xarray as xr
 from scipy.stats import norm
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
-from vfm_sdm.core.covariances import edges_across
+from vfm_sdm.core.covariances import edges_across, measured_axes
 from vfm_sdm.core.datasets import Status, check_displacement, check_tracks
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["COMPONENTS", "COVERAGE_FACTOR", "BudgetInputs", "add_uncertainty", "compression_gain_std"]
 
-COMPONENTS = ("random", "cameras", "synchronization", "assumption", "compression")
+COMPONENTS = ("random", "cameras", "synchronization", "assumption", "compression", "subset")
 """Components of the budget. Random: scatter of the tracks. Cameras: focal lengths, pose, baseline, lengths of the site
 and axes. Synchronization: offset between the views. Assumption: motion along the axis that the refinement suppresses.
-Compression: the loss of every motion in a video codec."""
+Compression: the loss of every motion in a video codec. Subset: motion beside the point that its subset
+holds, by the spread of the gains of its parts."""
 COVERAGE_FACTOR = 2.0
 """Factor k of the expanded uncertainty, for about 95 % of a normal distribution."""
 
@@ -78,7 +79,7 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     Returns
     -------
     displacement
-        The dataset with ``uncertainty``, standard deviations of shape (5, T, P, 3) [mm]; and with ``combined_std`` and
+        The dataset with ``uncertainty``, standard deviations of shape (6, T, P, 3) [mm]; and with ``combined_std`` and
         ``expanded_uncertainty``, shape (T, P, 3) [mm]. NaN where a component is not known, such as the cameras of a
         file that states no covariance.
 
@@ -104,7 +105,9 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     - compression: where the gain of the point was measured by injected motion (``gain_left_std`` of the tracks), the
       standard deviation of what is left of it in each view and direction, through J, on the motion in the picture that
       belongs to d; else `compression_gain_std` of the poorest view, times ``|d|``. At least half of what one view shows
-      more than another, because noise takes bits too, and a dark view loses more than its size tells.
+      more than another, because noise takes bits too, and a dark view loses more than its size tells;
+    - subset: where parts of the subsets were compared (``part_gain_std`` of the tracks), the spread of their gains in
+      each view and direction, through J in the same way.
 
     Of more than two views, J and C_a are those of the views that a sample comes from. Components are taken as
     independent and add as squares. All but the first are systematic: they do not average out over a series.
@@ -130,6 +133,7 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
         "synchronization": _compute_clock_std(displacement, tracks, inputs.clock_std_s),
         "assumption": _compute_assumption_std(displacement, tracks, inputs),
         "compression": _compute_compression_std(displacement, tracks, inputs),
+        "subset": _compute_subset_std(displacement, tracks),
     }
     budget = np.stack([parts[name] for name in COMPONENTS])
     combined = np.sqrt(np.sum(budget**2, axis=0))
@@ -173,8 +177,7 @@ def _compute_compression_std(displacement: xr.Dataset, tracks: xr.Dataset, input
     by_size = compression_gain_std(min(inputs.bits_per_pixel.values(), default=np.inf))
     found = np.broadcast_to(by_size * values, values.shape)
     if "gain_left_std" in tracks:
-        by_view = [_spread_gain(displacement, tracks, number) for number in range(tracks.sizes["view"])]
-        measured = np.sqrt(np.sum(np.square(by_view), axis=0))
+        measured = _spread_gains(displacement, tracks, "gain_left_std")
         known = _is_gain_known(tracks)[:, None]
         found = np.where(known, measured, found)
     elif by_size == 0:
@@ -191,11 +194,24 @@ def _is_gain_known(tracks: xr.Dataset) -> BoolArray:
     return np.asarray(known.all(axis=(0, 2)))
 
 
-def _spread_gain(displacement: xr.Dataset, tracks: xr.Dataset, view: int) -> FloatArray:
+def _compute_subset_std(displacement: xr.Dataset, tracks: xr.Dataset) -> FloatArray:
+    """Standard deviation from gains that differ over the subsets, shape (T, P, 3) [mm]."""
+    if "part_gain_std" not in tracks:
+        return np.zeros(displacement["displacement"].shape)
+    return _spread_gains(displacement, tracks, "part_gain_std")
+
+
+def _spread_gains(displacement: xr.Dataset, tracks: xr.Dataset, name: str) -> FloatArray:
+    """Standard deviation from gains of all views, of which the tracks state that, shape (T, P, 3) [mm]."""
+    by_view = [_spread_gain(displacement, tracks, view, name) for view in range(tracks.sizes["view"])]
+    return np.asarray(np.sqrt(np.sum(np.square(by_view), axis=0)))
+
+
+def _spread_gain(displacement: xr.Dataset, tracks: xr.Dataset, view: int, name: str) -> FloatArray:
     """Standard deviation from the gains of one view, shape (T, P, 3) [mm]."""
     values = np.nan_to_num(displacement["displacement"].values)
-    left = np.nan_to_num(tracks["gain_left_std"].values[view])
-    directions = tracks["injected_direction"].values[view]
+    left = np.nan_to_num(tracks[name].values[view])
+    directions = measured_axes(edges_across(tracks)[view])
 
     def effect(per_px: FloatArray) -> FloatArray:
         J = np.nan_to_num(per_px).reshape(len(per_px), 3, -1)

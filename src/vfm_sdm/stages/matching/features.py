@@ -72,13 +72,17 @@ class FeatureMatches:
         return FeatureMatches(self.points_first[rows], self.points_second[rows], self.quality[rows])
 
 
-def match_features(first: LumaArray, second: LumaArray) -> FeatureMatches:
+def match_features(
+    first: LumaArray, second: LumaArray, *, known: tuple[ImageFeatures, ImageFeatures] | None = None
+) -> FeatureMatches:
     """Features that look alike in two images, before any geometric check.
 
     Parameters
     ----------
     first, second
         Luma, shape (H, W); the two sizes may differ.
+    known
+        Features of both images as they are, where they were detected before.
 
     Returns
     -------
@@ -107,9 +111,10 @@ def match_features(first: LumaArray, second: LumaArray) -> FeatureMatches:
     >>> len(matches) > 50, bool(np.allclose(shift, [20, 0], atol=0.1))
     (True, True)
     """
+    images = (first, second)
     with ThreadPoolExecutor(2) as executor:
-        found = executor.map(lambda image: add_stretched(detect_features(image), image), (first, second))
-        return match_detected(*found)
+        found = known or executor.map(detect_features, images)
+        return match_detected(*executor.map(add_stretched, found, images))
 
 
 def match_detected(first: ImageFeatures, second: ImageFeatures) -> FeatureMatches:

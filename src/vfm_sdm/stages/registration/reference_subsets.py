@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import correlate1d, map_coordinates, spline_filter1d
+from scipy.signal import lfilter
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.stages.registration.designs import SubsetDesign
@@ -185,10 +186,11 @@ def _interpolation_response() -> FloatArray:
 
 def _stack_shading(designs: Sequence[SubsetDesign] | None, points: int, half: int) -> FloatArray:
     """Surfaces of brightness of P subsets of one size in [u, v] order, shape (P, Q, S S); Q is 0 without designs."""
-    if not designs:
+    most = max((design.shadings for design in designs or ()), default=0)
+    if not designs or most == 0:
         return np.empty((points, 0, (2 * half + 1) ** 2))
     x, y = _offset_grid(half) / half
-    found, most = [], max(design.shadings for design in designs)
+    found = []
     for design in designs:
         powers = [(i, total - i) for total in range(design.shading + 1) for i in range(total + 1)]
         believed = np.ones(x.size) if design.mask is None else design.mask.T.ravel().astype(np.float64)
@@ -304,10 +306,17 @@ def _spread_smooth_noise(S: "_Images", believed: BoolArray, to_position: FloatAr
     weights = (to_position @ images).reshape(points, 2, side, side)
     spread = []
     for correlation in NEIGHBOURS:
-        kernel = correlation ** np.abs(np.arange(1 - side, side))
-        seen = correlate1d(correlate1d(weights, kernel, axis=2, mode="constant"), kernel, axis=3, mode="constant")
+        seen = _sum_decaying(_sum_decaying(weights, correlation, axis=2), correlation, axis=3)
         spread.append(np.einsum("piuv,pjuv->pij", weights, seen))
     return np.stack(spread, axis=1)
+
+
+def _sum_decaying(images: FloatArray, correlation: float, *, axis: int) -> FloatArray:
+    """Sums along an axis with weights that fall by a factor a pixel to both sides, by recursion."""
+    pole = [1.0, -correlation]
+    forth = lfilter([1.0], pole, images, axis=axis)
+    back = np.flip(lfilter([1.0], pole, np.flip(images, axis), axis=axis), axis)
+    return np.asarray(forth + back - images)
 
 
 class _Images:

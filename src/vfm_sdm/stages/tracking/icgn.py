@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
-from vfm_sdm.core.covariances import judged_std
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
+from vfm_sdm.core.covariances import judged_std, measured_axes
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
@@ -18,10 +18,17 @@ from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, Sub
 from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
 from vfm_sdm.stages.tracking.split_subset import SplitSubsets
+from vfm_sdm.stages.tracking.subset_parts import SubsetParts
 
 __all__ = ["IcgnTracker"]
 
 _CHUNK = 256  # frames whose covariances are computed at one time
+_COVERED = 3.0
+"""Times its usual share of a subset's energy that is left unexplained when something else covers part of it: noise of
+thousands of pixels varies by some percent, interpolation between pixels and at them by a factor of up to 2.5."""
+_BESIDE = 2.0
+_LEAST_COVERED = 0.02
+"""Share of the energy below which what is left is no cover."""
 
 
 class IcgnTracker:
@@ -65,7 +72,9 @@ class IcgnTracker:
 
     **Status.** ``lost``: neither following nor a search around the last good position ends in a minimum with at least
     ``minimum_correlation``; or the search finds several places that are equally good; or the gradients cannot be told
-    from noise. ``outside``: the subset left the image. ``unreliable``: see the parameters. A step of more than half
+    from noise; or three times the point's usual share of the subset is left unexplained (two times beside such or lost
+    frames), because something passes before a part of it. ``outside``: the subset left the image. ``unreliable``: see
+    the parameters. A step of more than half
     the distance to a look-alike within the reference frame counts as ambiguous.
 
     References
@@ -148,7 +157,9 @@ class IcgnTracker:
             Tracks (see `vfm_sdm.core.datasets`) with ``correlation`` (time, point): ZNCC [1], and ``half_difference``
             (time, point, pixel): how far the right half of a subset moved beyond the left one [px], each tracked by
             itself, in every fourth frame, else NaN. With designs also ``half_covariance`` [px2] of
-            that difference, ``subset_px``, ``warp``, ``edge_across`` and ``believed``.
+            that difference, ``subset_px``, ``warp``, ``edge_across`` and ``believed``, and ``part_noise`` [px] and
+            ``part_gain_std`` [1] (point, direction: u and v, or across an edge and along it), see
+            `vfm_sdm.stages.tracking.subset_parts.SubsetParts`.
 
         Raises
         ------
@@ -157,7 +168,7 @@ class IcgnTracker:
             reference frame.
         """
         points = check_points(points2d, names, video)
-        records: list[tuple[_Record, SplitSubsets]] = []
+        records: list[tuple[_Record, SplitSubsets, SubsetParts | None]] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
@@ -165,15 +176,23 @@ class IcgnTracker:
                 bank = SubsetBank.prepare(reference, points, subset_px=size, designs=designs, executor=executor)
                 record = _Record(bank, Follower(bank, reference, self.settings, executor))
                 halves = SplitSubsets(reference, bank, executor)
-                records.append((record, halves))
+                parts = None if designs is None else SubsetParts(reference, bank, executor)
+                records.append((record, halves, parts))
                 places = iter(() if self._expected is None else self._expected)
-                return lambda luma: halves.advance(luma, record.advance(luma, next(places, None)))
+
+                def advance(luma: LumaArray) -> None:
+                    found = record.advance(luma, next(places, None))
+                    halves.advance(luma, found)
+                    if parts is not None:
+                        parts.advance(luma, found)
+
+                return advance
 
             time_s = follow_frames(video, reference_frame, begin, progress)
-        record, halves = records[0]
+        record, halves, parts = records[0]
         position, covariance, correlation, status = record.arrays()
         # Reliability is judged here, where the covariances are known.
-        lost = (status == Status.OK) & ~np.isfinite(covariance).all(axis=(2, 3))
+        lost = (status == Status.OK) & ~np.isfinite(covariance).all(axis=(2, 3)) | _find_covered(correlation, status)
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
         across = record.bank.edge_across
@@ -189,13 +208,29 @@ class IcgnTracker:
             "subset_px": self.subset_px,
         }
         tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
-        if designs is not None:
+        if designs is not None and parts is not None:
             halves_covariance = (("time", "point", "pixel_a", "pixel_b"), halves.covariances(), {"units": "px2"})
-            tracks = tracks.assign(_describe(designs, across)).assign(half_covariance=halves_covariance)
+            tracks = tracks.assign(_describe(designs, across, parts)).assign(half_covariance=halves_covariance)
         return tracks.assign(
             correlation=(("time", "point"), correlation, {"units": "1"}),
             half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}),
         )
+
+
+def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:
+    """Samples (T, P) in which something covers a part of the subset, by what registration leaves unexplained."""
+    left = np.where(status == Status.OK, 1 - correlation, np.nan)
+    usual = np.full(left.shape[1], np.inf)
+    for point, column in enumerate(left.T):
+        if np.isfinite(column).any():
+            usual[point] = np.median(column[np.isfinite(column)])
+    left = np.nan_to_num(left)
+    covered = left > np.maximum(_COVERED * usual, _LEAST_COVERED)
+    # What comes before, or leaves, covers a little of the next frame as well.
+    gone = covered | (status == Status.LOST)
+    beside = np.zeros_like(gone)
+    beside[1:], beside[:-1] = gone[:-1], beside[:-1] | gone[1:]
+    return np.asarray(covered | (beside & (left > np.maximum(_BESIDE * usual, _LEAST_COVERED))))
 
 
 class _Record:
@@ -238,12 +273,15 @@ class _Record:
         self._open.clear()
 
 
-def _describe(designs: Sequence[SubsetDesign | None], across: FloatArray) -> dict[str, Any]:
-    """What the tracks say of the designs of P points, with directions across edges (P, 2)."""
+def _describe(designs: Sequence[SubsetDesign | None], across: FloatArray, parts: SubsetParts) -> dict[str, Any]:
+    """What the tracks say of the designs of P points, with directions across edges (P, 2), and of their parts."""
+    noise, gain_std = parts.judge(measured_axes(across))
     believed = [0.0 if design is None else design.believed_px / design.subset_px**2 for design in designs]
     return {
         "subset_px": ("point", [0 if design is None else design.subset_px for design in designs], {"units": "px"}),
         "warp": ("point", np.array(["" if design is None else str(design.warp) for design in designs], dtype=object)),
         "edge_across": (("point", "pixel"), across, {"units": "1"}),
         "believed": ("point", believed, {"units": "1"}),
+        "part_noise": (("point", "direction"), noise, {"units": "px"}),
+        "part_gain_std": (("point", "direction"), gain_std, {"units": "1"}),
     }

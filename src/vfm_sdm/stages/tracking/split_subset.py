@@ -39,11 +39,16 @@ class SplitSubsets:
         self._whole, self._executor = whole, executor
         self._apart = np.column_stack([whole.subset_px // 4, np.zeros(len(whole))])
         places = np.concatenate([whole.points - self._apart, whole.points + self._apart])
-        given = whole.designs or tuple(SubsetDesign(px) for px in whole.subset_px.tolist())
-        designs = [None if design is None else _cut_half(design, side) for side in (-1, 1) for design in given]
         self._bank = None
-        if any(design is not None for design in designs):
-            self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
+        if whole.designs is None:  # all of one size, which need no masks
+            half_px = 2 * (int(whole.subset_px.max(initial=0)) // 4) + 1
+            if half_px >= _LEAST_SIDE_PX:
+                self._bank = SubsetBank.prepare(reference, places, subset_px=half_px, executor=executor)
+        else:
+            given = [(design, side) for side in (-1, 1) for design in whole.designs]
+            designs = [None if design is None else _cut_half(design, side) for design, side in given]
+            if any(design is not None for design in designs):
+                self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
         self._found: list[FloatArray] = []
         self._covariances: list[FloatArray] = []
         self._tried = np.zeros(len(whole), np.int64)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.designs import USUAL_SUBSET_PX, SubsetDesign, check_subset_px
-from vfm_sdm.stages.tracking.design.choice import SIZES_PX, SubsetChoice, choose_subset
-from vfm_sdm.stages.tracking.design.samples import sample_windows
+from vfm_sdm.stages.tracking.design.choice import MARGIN_PX, SIZES_PX, SubsetChoice, choose_subset
+from vfm_sdm.stages.tracking.design.samples import find_covered, sample_windows
 from vfm_sdm.stages.tracking.inputs import check_points
 
 __all__ = ["SubsetChoice", "describe_subsets", "design_subsets"]
@@ -64,6 +64,9 @@ def design_subsets(
 
     **Refused** are points that no direction of which would be measured to 0.1 px in a frame.
 
+    Frames in which something passes before a point are left out, see
+    `vfm_sdm.stages.tracking.design.samples.find_covered`.
+
     Where less than two other frames can be read, or the square leaves the picture, nothing is known of a point: it gets
     a whole square and an affine warp.
 
@@ -97,8 +100,9 @@ def design_subsets(
         fitting = [size for size in sizes if size // 2 <= room[row]]
         if not fitting or len(sampled.windows[row]) <= _FEWEST_FRAMES:
             return _unknown(subset_px)
-        offset = points[row] - sampled.centers[row]
-        choice = choose_subset(sampled.windows[row], offset, fitting)
+        offset, frames = points[row] - sampled.centers[row], sampled.windows[row]
+        seen = np.append(True, ~find_covered(_middle(frames, max(fitting) + 2 * MARGIN_PX)))
+        choice = choose_subset(frames[seen], offset, fitting)
         return replace(choice, nearest=_place_inside(choice.nearest + points[row], limit))
 
     with ThreadPoolExecutor() as executor:
@@ -143,6 +147,13 @@ def describe_subsets(names: Sequence[str], choices: Sequence[SubsetChoice]) -> x
         },
         coords={"point": list(names), "direction": ["across", "along"], "pixel": ["u", "v"]},
     )
+
+
+def _middle(frames: LumaArray, side: int) -> LumaArray:
+    """The middle of windows (K, R, R), of this side [px]."""
+    cut = (frames.shape[1] - side) // 2
+    inner: LumaArray = frames[:, cut : cut + side, cut : cut + side]
+    return inner
 
 
 def _unknown(subset_px: int | None) -> SubsetChoice:

@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import firwin
 
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
-from vfm_sdm.core.covariances import edges_across, find_edges
+from vfm_sdm.core.covariances import edges_across, find_edges, measured_axes, raise_variance
 from vfm_sdm.core.datasets import check_tracks, trusted_values
 
 __all__ = ["include_static_noise", "include_track_noise"]
@@ -31,7 +31,8 @@ def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     tracks
-        Tracks of one view, shape (T, P, 2) [px]. A covariance of zero (that of the reference frame) stays zero.
+        Tracks of one view, shape (T, P, 2) [px]. A covariance of zero (that of the reference frame) stays zero. Where
+        parts of the subsets were compared (``part_noise`` [px]), covariances are raised to what these show, too.
 
     Returns
     -------
@@ -49,6 +50,9 @@ def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
 
     Of a point on an edge only the scatter across it counts.
 
+    Errors that are slow, and not alike over a subset, show in its parts: shadows that creep over an edge, a surface
+    beside the point (`vfm_sdm.stages.tracking.subset_parts`).
+
     Motion of the structure in that band (above 12 Hz at 30 frames a second) counts as noise, and errors that are
     stronger at low frequencies are understated. What the codec makes of every motion alike, a gain a little below 1, is
     not scatter and not in it.
@@ -64,29 +68,21 @@ def include_track_noise(tracks: xr.Dataset) -> xr.Dataset:
     """
     check_tracks(tracks)
     kernel = firwin(_TAPS, _EDGE, pass_zero=False, window=("kaiser", _KAISER))
-    time_s, axes = tracks["time"].values, _measured_axes(tracks)
+    time_s, axes = tracks["time"].values, measured_axes(edges_across(tracks))
     position = _turn(axes, tracks["position"].values)
     rate_hz = (len(time_s) - 1) / (time_s[-1] - time_s[0]) if len(time_s) > 1 else 1.0
     variance = np.full(position.shape, np.nan)
     for point in range(position.shape[1]):
         for run in unbroken_runs(np.asarray(np.isfinite(position[:, point]).all(axis=1))):
             variance[run, point] = _estimate_variance(position[run, point], kernel, max(1, round(_WINDOW_S * rate_hz)))
-    covariance = axes @ tracks["position_covariance"].values @ axes.swapaxes(1, 2)
-    stated = np.einsum("tpii->tpi", covariance)
-    larger = np.isfinite(variance) & (variance > stated) & (stated > 0)
-    factor = np.sqrt(np.divide(variance, stated, out=np.ones_like(stated), where=larger))
+    noise = variance
+    if "part_noise" in tracks:
+        noise = np.fmax(variance, tracks["part_noise"].values ** 2)
     raised, back = tracks.copy(), axes.swapaxes(1, 2)
-    larger_covariance = covariance * factor[..., :, None] * factor[..., None, :]
-    raised["position_covariance"] = tracks["position_covariance"].copy(data=back @ larger_covariance @ axes)
+    larger = raise_variance(tracks["position_covariance"].values, axes, noise)
+    raised["position_covariance"] = tracks["position_covariance"].copy(data=larger)
     scatter = np.sqrt(_turn(back**2, variance))
     return raised.assign(scatter=(("time", "point", "pixel"), scatter, {"units": "px"}))
-
-
-def _measured_axes(tracks: xr.Dataset) -> FloatArray:
-    """Rows are the directions in which noise is looked for, shape (P, 2, 2) [1]: u and v; across and along an edge."""
-    across, edge = edges_across(tracks), find_edges(tracks)
-    turned = np.stack([across, np.stack([-across[:, 1], across[:, 0]], axis=-1)], axis=1)
-    return np.where(edge[:, None, None], turned, np.eye(2))
 
 
 def _turn(axes: FloatArray, values: FloatArray) -> FloatArray:

@@ -133,7 +133,7 @@ def test_combined_is_the_root_of_the_sum_of_squares():
     parts = budget["uncertainty"]
     assert tuple(parts["component"].values) == COMPONENTS
     assert parts.dims == ("component", "time", "point", "axis")
-    assert COMPONENTS == ("random", "cameras", "synchronization", "assumption", "compression")
+    assert COMPONENTS == ("random", "cameras", "synchronization", "assumption", "compression", "subset")
     total = np.sqrt(sum(part(budget, name) ** 2 for name in COMPONENTS))
     np.testing.assert_allclose(budget["combined_std"], total, rtol=1e-12)
     np.testing.assert_allclose(budget["expanded_uncertainty"], 2 * total, rtol=1e-12)
@@ -332,6 +332,17 @@ def test_compression_is_the_scatter_over_wrong_gains_where_they_were_measured():
     scatter = np.sqrt(np.mean(np.square(errors), axis=(0, 1, 2)))
     stated = np.sqrt(np.mean(part(budget, "compression") ** 2, axis=(0, 1)))
     np.testing.assert_allclose(stated, scatter, rtol=0.15)
+
+
+def test_subset_is_the_spread_of_gains_over_subsets():
+    tracks, std = tracks_of(pixels()), 0.03
+    parts = tracks.assign(part_gain_std=(("view", "point", "direction"), np.full((2, tracks.sizes["point"], 2), std)))
+    budget = add_uncertainty(measured(tracks), BudgetInputs(parts))
+    as_left = add_uncertainty(measured(tracks), BudgetInputs(gains_left(tracks, parts["part_gain_std"].values)))
+    np.testing.assert_allclose(part(budget, "subset"), part(as_left, "compression"))
+    np.testing.assert_array_equal(part(as_left, "subset"), 0.0)
+    vertical = np.abs(measured(tracks)["displacement"].values[..., 1])
+    assert part(budget, "subset")[..., 1].max() > 0.5 * std * vertical.max()
 
 
 def test_compression_is_by_size_where_a_gain_was_not_measured():

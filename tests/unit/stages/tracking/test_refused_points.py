@@ -58,7 +58,8 @@ def test_a_note_names_the_point_and_a_place_that_would_do(tracks):
 
 
 def test_the_audit_leaves_it_out(tracks):
-    session = SimpleNamespace(point=[SimpleNamespace(name=name, static=False) for name in NAMES])
+    points = [SimpleNamespace(name=name, static=False) for name in NAMES]
+    session = SimpleNamespace(point=points, view=[SimpleNamespace(name="left")])
     assert AuditInputs(session=session, tracks=tracks).moving == ["rough"]
     assert AuditInputs(session=session, tracks={}).moving == NAMES
 

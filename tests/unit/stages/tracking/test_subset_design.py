@@ -9,6 +9,7 @@ from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import SessionError
 from vfm_sdm.stages.registration.designs import Warp
 from vfm_sdm.stages.tracking.design import samples
+from vfm_sdm.stages.tracking.design.coarse import coarse_motion
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.subset_design import describe_subsets, design_subsets
 
@@ -237,3 +238,49 @@ def test_the_dataset_says_what_was_chosen():
     assert described["warp"].values.tolist() == ["edge"]
     assert described["expected_std"].attrs["units"] == "px"
     assert np.isinf(described["expected_std"].sel(direction="along").item())
+
+
+class TestFarMotion:
+    """Motion beyond the reach of a registration that starts from rest: states of a load test, large swings."""
+
+    STATES = np.array([[0, 0], [2.1, 0.3], [4.3, 0.4], [6.2, 0.6], [8.4, 0.7]])
+
+    def photographs(self, picture):
+        rng = np.random.default_rng(0)
+        return memory_video([digitize(shift(picture, state[::-1]), rng, NOISE) for state in self.STATES], fps=1.0)
+
+    def test_a_few_photographs_far_from_each_other_are_followed(self):
+        video = self.photographs(texture(6))
+        choice = choose(video)
+        assert choice.status == PointStatus.OK
+        assert choice.believed > 0.95
+        assert choice.std_px.max() < 0.02
+        assert (track_error(video, choice, self.STATES) < 0.02).all()
+
+    def test_an_edge_that_moves_far_stays_an_edge(self):
+        choice = choose(self.photographs(bars()))
+        assert choice.design.warp == Warp.EDGE
+        assert abs(choice.design.across[0]) == pytest.approx(1, abs=0.01)
+
+    def test_a_large_swing_before_a_still_background_is_the_points(self):
+        swing = 12 * SWAY
+        wall, post = texture(7), texture(8)
+        video = film([(wall, EVERYWHERE, STILL), (post, box(60, 121, 0, 181), swing)])
+        choice = choose(video)
+        assert choice.status == PointStatus.OK
+        assert choice.std_px.max() < 0.05
+        assert choice.believed > 0.9
+
+    def test_motion_is_found_to_a_pixel_and_left_to_the_registration_where_it_is_small(self):
+        moved = [shift(texture(9), state[::-1], mode="reflect").astype(np.uint8) for state in (*self.STATES, (60, -40))]
+        found = coarse_motion(np.stack(moved)[:, 20:-20, 20:-20], 31)
+        np.testing.assert_array_equal(found[0], 0)
+        assert np.abs(found[-2] - self.STATES[-1]).max() <= 2
+        unrelated = np.stack([moved[0], texture(10).astype(np.uint8)])
+        np.testing.assert_array_equal(coarse_motion(unrelated, 31), 0)
+
+    def test_of_bricks_that_repeat_the_nearest_is_taken(self):
+        tile = texture(11)[:20, :20]
+        bricks = np.tile(tile, (9, 9))[:-1, :-1].astype(np.uint8)
+        found = coarse_motion(np.stack([bricks, np.roll(bricks, 7, axis=1)]), 31)
+        assert np.abs(found[0] - [7, 0]).max() <= 2

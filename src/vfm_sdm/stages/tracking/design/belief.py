@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
-from vfm_sdm.stages.tracking.design.window import Image, Window, soften
+from vfm_sdm.stages.tracking.design.window import SLOW_PX, Image, Window, soften
 
 __all__ = ["DISTINCT_PX", "SURE", "Belief", "find_belief", "is_distinct"]
 
@@ -15,8 +15,8 @@ _SEEDS_PX = (3.0, 4.5, 6.5, 9.0, 13.0, 19.0, 28.0)
 _SEED_STD_PX = 0.05
 """The first surroundings are believed whose motion has this standard deviation in its best direction [px]."""
 _GROWTH = 3
-_SMOOTH_PX, _SLOW_PX, _AREA_PX = 1.2, 7.0, 1.5
-"""Softening against a codec's frozen noise, the scale of shadows, and the area over which pixels vote [px]."""
+_SMOOTH_PX, _AREA_PX = 1.2, 1.5
+"""Softening against a codec's frozen noise, and the area over which pixels vote [px]."""
 DISTINCT_PX = 0.1
 """Two motions that differ by less (rms over frames, both directions) are one: rotation and noise make as much [px]."""
 SURE = 4.0
@@ -67,7 +67,7 @@ class Belief:
     noise: Image
 
 
-def find_belief(window: Window, half_px: int) -> Belief:
+def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -> Belief:
     """What moves with the point in the middle of a window.
 
     Parameters
@@ -76,6 +76,8 @@ def find_belief(window: Window, half_px: int) -> Belief:
         The surroundings in the reference frame and in K sample frames.
     half_px
         Half the side of the square in which the point's motion is looked for [px].
+    start
+        Motion near which that of the point is, shape (K, 2) [px]; rest where left out.
 
     Notes
     -----
@@ -91,11 +93,14 @@ def find_belief(window: Window, half_px: int) -> Belief:
     The majority has no say: a post before leaves is what was named, and a still wall beside a moving deck as well.
     """
     still = np.zeros((window.count, 2))
+    start = still if start is None else start
     _, noise = window.local_motion(still)
+    if start.any():  # what no translation explains, be it one near rest or one near the start
+        noise = np.minimum(noise, window.local_motion(start)[1])
     steady = ~_find_restless(window, noise)
     inside = (np.abs(np.arange(len(noise)) - len(noise) // 2) <= half_px).astype(np.float32)
     square = inside[:, None] * inside[None, :]
-    motion, covariance, radius = _find_seed(window, noise, steady)
+    motion, covariance, radius = _find_seed(window, noise, steady, start)
     core = np.exp(-window.radius2 / (2 * radius**2))
     others: list[FloatArray] = [still]
     for growth in range(_GROWTH + 1):
@@ -121,12 +126,13 @@ def _find_restless(window: Window, noise: Image) -> BoolArray:
     return _without_specks((noise > _RESTLESS**2 * quiet) & (noise > _RESTLESS_PX**2 * texture / 2))
 
 
-def _find_seed(window: Window, noise: Image, steady: BoolArray) -> tuple[FloatArray, FloatArray, float]:
+def _find_seed(
+    window: Window, noise: Image, steady: BoolArray, start: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
     """Motion of the nearest surroundings that have texture, its covariance, and their radius [px]."""
-    still = np.zeros((window.count, 2))
     for radius in _SEEDS_PX:
         weights = np.exp(-window.radius2 / (2 * radius**2)) * (window.radius2 < (2.5 * radius) ** 2) * steady
-        motion, covariance = window.register(weights.astype(np.float32), noise, still)
+        motion, covariance = window.register(weights.astype(np.float32), noise, start)
         if np.linalg.eigvalsh(covariance)[0] < _SEED_STD_PX**2 or radius == _SEEDS_PX[-1]:
             break
     return motion, covariance, radius
@@ -211,7 +217,7 @@ def _find_believed(against: BoolArray, supporting: BoolArray) -> BoolArray:
 
 def _quick(image: Image) -> Image:
     """An image without what changes slowly over it, as light does."""
-    return np.asarray(image - soften(image, _SLOW_PX), np.float32)
+    return np.asarray(image - soften(image, SLOW_PX), np.float32)
 
 
 def _without_specks(mask: BoolArray) -> BoolArray:

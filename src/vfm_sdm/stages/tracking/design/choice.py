@@ -9,11 +9,12 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
+from vfm_sdm.stages.tracking.design.coarse import coarse_motion
 from vfm_sdm.stages.tracking.design.information import find_false_corners, square_std, std_around
 from vfm_sdm.stages.tracking.design.trial import Trial
 from vfm_sdm.stages.tracking.design.window import Window
 
-__all__ = ["SIZES_PX", "USABLE_STD_PX", "SubsetChoice", "choose_subset"]
+__all__ = ["MARGIN_PX", "SIZES_PX", "USABLE_STD_PX", "SubsetChoice", "choose_subset"]
 
 SIZES_PX = (41, 61, 81, 101)
 """Sides that are tried where the user names none, from small and clear to large and calm [px]."""
@@ -26,7 +27,7 @@ _WORTH = 0.8
 _LINEAR_STD = 3e-4
 """Rotation and strain that an ordinary recording makes unseen [1]: the slope of a girder that is bent by 1/10000 of its
 span (pi/10000), as under pedestrians and wind; the limit of serviceability of a footbridge is ten times that."""
-_MARGIN_PX = 24
+MARGIN_PX = 24
 """What is looked at beyond the square: where something else begins, and motion of the sample frames [px]."""
 _SIGHT_PX = 30
 """Half a side within which a point's motion is looked for, however small its square [px]."""
@@ -75,8 +76,10 @@ def choose_subset(frames: LumaArray, offset: FloatArray, sizes: Sequence[int]) -
     sizes
         Sides of the square to choose from, rising [px].
     """
-    window = Window(_middle(frames, sizes[-1] // 2 + _MARGIN_PX))
-    belief = find_belief(window, max(sizes[0] // 2, _SIGHT_PX))
+    start = coarse_motion(frames, sizes[0])
+    far = int(np.abs(start).max(initial=0.0))
+    window = Window(_middle(frames, sizes[-1] // 2 + MARGIN_PX + far))
+    belief = find_belief(window, max(sizes[0] // 2, _SIGHT_PX), start)
     trial = Trial(frames, offset, belief.motion)
     best = _choose_warp(window, belief, trial, sizes[0])
     for size in sizes[1:]:

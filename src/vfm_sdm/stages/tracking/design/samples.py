@@ -3,16 +3,25 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.video import Video
 
-__all__ = ["SampledWindows", "sample_windows"]
+__all__ = ["SampledWindows", "find_covered", "sample_windows"]
 
 SAMPLES = 20
 """Frames that are looked at: motion of 0.1 px (rms) in noise of 0.1 px is then seen at four standard deviations."""
+
+_REACH_PX = 10
+"""How far texture may move and still explain a change [px]."""
+_CLEAR = 5.0
+"""Times the noise by which a pixel must lie outside all that its surroundings show."""
+_COVERED, _MOST_COVERED = 0.1, 1 / 3
+"""Share of a window that must be covered, and of the frames that may be, to be left out."""
+_MAD_TO_STD = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +82,40 @@ def sample_windows(
         raise DatasetError(f"reference_frame: expected a frame {reference_frame} of the video; name an earlier one")
     stacks: list[LumaArray] = [np.stack(windows) for windows in cuts]  # type: ignore[misc]  # one depth in a video
     return SampledWindows(reference, stacks, centers)
+
+
+def find_covered(frames: LumaArray) -> BoolArray:
+    """Sample frames in which something passes before a point.
+
+    Parameters
+    ----------
+    frames
+        The window in the reference frame and in K sample frames, shape (K + 1, R, R).
+
+    Returns
+    -------
+    covered
+        Shape (K,); all False where that holds for more than a third of the frames: light that changes, not a passer-by.
+
+    Notes
+    -----
+    What moves by up to 10 px shows nothing that its surroundings did not show before: a pixel counts as covered if it
+    is darker, or brighter, than the middle of all frames is anywhere within this distance, by more than noise.
+
+    Examples
+    --------
+    >>> frames = np.full((7, 50, 50), 120, np.uint8)
+    >>> frames[3, :, 10:40] = 20
+    >>> find_covered(frames).tolist()
+    [False, False, True, False, False, False]
+    """
+    usual = np.median(frames, axis=0).astype(np.float32)
+    apart = np.abs(frames.astype(np.float32) - usual)
+    noise = max(_MAD_TO_STD * float(np.median(apart)), 1.0)
+    reach = np.ones((2 * _REACH_PX + 1, 2 * _REACH_PX + 1), np.uint8)
+    low, high = cv2.erode(usual, reach) - _CLEAR * noise, cv2.dilate(usual, reach) + _CLEAR * noise
+    covered = np.asarray(np.mean((frames[1:] < low) | (frames[1:] > high), axis=(1, 2)) > _COVERED)
+    return covered if np.mean(covered) <= _MOST_COVERED else np.zeros_like(covered)
 
 
 def _cut(image: LumaArray, center: IntArray, half: int) -> LumaArray:

@@ -1,6 +1,6 @@
 """Designs of a subset tried on the sample frames: what they state, and what halves of them show."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -36,6 +36,7 @@ class Trial:
     frames: LumaArray
     offset: FloatArray
     motion: FloatArray
+    _known: dict[tuple[object, ...], list[Registration]] = field(default_factory=dict, init=False, repr=False)
 
     def covariance(self, design: SubsetDesign) -> FloatArray | None:
         """What one frame's registration states, the middle of all, shape (2, 2) [px2]; ``None`` where it fails.
@@ -74,7 +75,7 @@ class Trial:
         if min(np.count_nonzero(mask) for mask in masks) < FEWEST_BELIEVED_PX:
             return np.zeros((2, 2))
         warp = Warp.EDGE if design.warp == Warp.EDGE else Warp.TRANSLATION
-        halves = [replace(design, warp=warp, mask=mask) for mask in masks]
+        halves = [replace(design, warp=warp, mask=mask, omitted_std=0.0) for mask in masks]
         apart = np.stack([one.position[0] - one.position[1] for one in self._register(halves)])
         known = np.isfinite(apart).all(axis=1)
         if np.count_nonzero(known) < _LEAST_FRAMES:
@@ -107,7 +108,13 @@ class Trial:
         return excess if excess > _SEEN else 0.0
 
     def _register(self, designs: list[SubsetDesign]) -> list[Registration]:
-        """Registrations of all designs in every sample frame."""
+        """Registrations of all designs in every sample frame, each made once."""
+        key = tuple(part for design in designs for part in _identify(design))
+        if key not in self._known:
+            self._known[key] = self._register_anew(designs)
+        return self._known[key]
+
+    def _register_anew(self, designs: list[SubsetDesign]) -> list[Registration]:
         middle = self.frames.shape[1] // 2
         points = np.tile(middle + self.offset, (len(designs), 1))
         bank = SubsetBank.prepare(self.frames[0], points, designs=designs)
@@ -119,3 +126,9 @@ class Trial:
             moved[:, :2] += motion
             found.append(bank.interpret(bank.run(frame, rows, moved)))
         return found
+
+
+def _identify(design: SubsetDesign) -> tuple[object, ...]:
+    """What tells a design from others."""
+    across, mask = (None if array is None else array.tobytes() for array in (design.across, design.mask))
+    return design.subset_px, design.warp, across, mask, design.omitted_std

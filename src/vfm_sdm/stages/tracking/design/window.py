@@ -6,12 +6,24 @@ import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 
-__all__ = ["Image", "Window", "kept_noise", "local_mean", "noise_of_gradients", "soften"]
+__all__ = [
+    "REACH_PX",
+    "SLOW_PX",
+    "SOFT_PX",
+    "Image",
+    "Window",
+    "kept_noise",
+    "local_mean",
+    "noise_of_gradients",
+    "soften",
+]
 
 Image = npt.NDArray[np.float32]
 
 SOFT_PX = 0.6
 """Standard deviation of the Gaussian that takes the frequencies which no interpolation renders out of an image [px]."""
+SLOW_PX = 7.0
+"""Standard deviation of the Gaussian that leaves what changes as slowly over an image as light does [px]."""
 _BLOCK_PX = 9
 """Side of the blocks that are held to move as one."""
 _ROUNDING = 1 / 12
@@ -26,7 +38,7 @@ _WEAKEST = 0.01
 _ITERATIONS = 8
 _STEP_PX, _SMALL_STEP_PX = 1.5, 2e-3
 _LOCAL_ITERATIONS = 3
-_REACH_PX = 4.0
+REACH_PX = 4.0
 """A motion further than this from its start is none: a texture is registered over about twice the blur of its lens."""
 
 
@@ -117,7 +129,7 @@ class Window:
                     further[frame]
                     - np.stack([(vv + little) * bu - uv * bv, (uu + little) * bv - uv * bu]) / determinant
                 )
-                trial = np.clip(trial, -_REACH_PX, _REACH_PX).astype(np.float32)
+                trial = np.clip(trial, -REACH_PX, REACH_PX).astype(np.float32)
             if best is not None:
                 left += best
         noise = np.maximum(left / (2 * self.count), _CODED).astype(np.float32)
@@ -166,7 +178,7 @@ class Window:
         size = (part[1].stop - part[1].start, part[0].stop - part[0].start)
         for frame in range(self.count):
             found = self._follow(frame, (solve, weight / total, reference), corner, size, start[frame])
-            if np.hypot(*(found - start[frame])) <= _REACH_PX:
+            if np.hypot(*(found - start[frame])) <= REACH_PX:
                 motion[frame] = found
         return motion, (axes * variance) @ axes.T
 
@@ -188,7 +200,7 @@ class Window:
             step = -solve @ (error - weight @ error)
             length = float(np.hypot(*step))
             motion = motion + step * min(1.0, _STEP_PX / max(length, 1e-9))
-            if length < _SMALL_STEP_PX or np.hypot(*(motion - start)) > _REACH_PX:
+            if length < _SMALL_STEP_PX or np.hypot(*(motion - start)) > REACH_PX:
                 break
         return motion
 

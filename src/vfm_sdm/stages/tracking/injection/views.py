@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.covariances import raise_variance
 from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.netcdf import read_dataset, write_dataset
 from vfm_sdm.core.progress import Progress
@@ -76,7 +77,9 @@ def correct_tracks(tracks: Mapping[str, xr.Dataset], found: xr.Dataset | None) -
     Notes
     -----
     Where a gain differs from 1 by more than two of its standard deviations, motion since the first frame is divided by
-    it, and covariances with it. Elsewhere the loss that may be there counts as uncertainty.
+    it, and covariances with it. Elsewhere the loss that may be there counts as uncertainty. Covariances are raised to
+    the noise that the injected motion came out with: it holds the slow errors of the codec, which neither residuals nor
+    the highest frequencies show.
     """
     if found is None:
         return dict(tracks)
@@ -139,9 +142,12 @@ def _correct(tracks: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
         "position_covariance": np.einsum("pij,tpjk,plk->tpil", A, covariance, A),
     }
     unchanged = ~certain.any(axis=1)
-    corrected = tracks.copy()
     for name, data in values.items():
         data[:, unchanged] = tracks[name].values[:, unchanged]  # to the last bit
+    noise = (found["injected_noise"].values * factor) ** 2
+    values["position_covariance"] = raise_variance(values["position_covariance"], directions, noise)
+    corrected = tracks.copy()
+    for name, data in values.items():
         corrected[name] = tracks[name].copy(data=data)
     return corrected.assign({name: found[name] for name in found.data_vars}).assign(
         gain_left_std=(("point", "direction"), left, {"units": "1"})
