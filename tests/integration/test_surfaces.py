@@ -51,6 +51,9 @@ def test_points_on_the_sky_end_with_the_first_cause(command, sky, tmp_path):
     assert re.search(r"name another: \(\d+, \d+\) would do$", last)
     assert "pixel_in" not in last
     assert "verdict: do not use" in out
+    # No table of dashes and no limit of nothing hides that.
+    assert "p-p" not in out
+    assert "1e-09" not in out
 
 
 @pytest.fixture(scope="module", params=SURFACES)
@@ -110,6 +113,36 @@ def test_still_points_of_real_surfaces_stay_within_their_intervals(film, measure
     assert known.sum() > 3 * motion.sizes["time"]
     inside = np.abs(motion["displacement"]) < 1.96 * motion["combined_std"]
     assert inside.where(known).mean() > 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("surface", "point", "axis", "limit"),
+    [("surface-1", "post base", "vertical", 0.04), ("surface-2", "post", "lateral", 0.10)],
+)
+def test_what_is_measured_agrees_with_the_truth_and_its_interval(film, measured, surface, point, axis, limit):
+    plan, folder = film
+    result, session = measured
+    if plan.name != surface or session != "session_further.toml":
+        pytest.skip("another film or session")
+    motion = result.displacement.sel(point=point, axis=axis)
+    truth = read_displacement(folder / "truth.nc")["displacement"].sel(point=point, axis=axis)
+    known = ((motion["status"] == Status.OK) & np.isfinite(motion["displacement"])).values
+    assert known.mean() > 0.5
+    error = motion["displacement"].values - np.interp(motion["time"], truth["time"], truth)
+    assert np.sqrt(np.mean(error[known] ** 2)) < limit * np.ptp(truth.values)
+    assert np.mean(np.abs(error[known]) < 1.96 * motion["combined_std"].values[known]) > 0.9
+
+
+@pytest.mark.slow
+def test_every_point_without_samples_is_named_with_the_reason(film, measured):
+    plan, _ = film
+    result, _ = measured
+    ok = (result.displacement["status"] == Status.OK).any("time")
+    missing = [point.name for point in plan.points if not ok.sel(point=point.name)]
+    notes = " ".join(result.summary["notes"])
+    assert "bolts" not in missing or plan.name == "surface-2"
+    assert all(f"point {name!r}" in notes for name in missing)
 
 
 @pytest.mark.slow

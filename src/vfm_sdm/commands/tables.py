@@ -41,6 +41,8 @@ __all__ = [
 
 
 _CASE_COLUMNS = 3
+_NO_LIMIT = 1e-6
+"""Limit of a check below which any amount is a caution, and none is worth saying."""
 _WORTH_SAYING_S = 0.05
 _WORTH_SAYING_SHARE = 0.95
 _LEVEL_DEG = 15.0
@@ -52,9 +54,11 @@ def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
     """Cameras, displacement, recordings' faults and the time taken."""
     yield from camera_report(measurement.cameras, notes=False)
     if measurement.displacement is not None:
-        yield displacement_table(measurement.displacement)
-        if "uncertainty" in measurement.displacement:
-            yield budget_table(measurement.displacement)
+        # Tables of nothing but dashes would hide the sentence that says why.
+        if np.isfinite(measurement.displacement["displacement"]).any():
+            yield displacement_table(measurement.displacement)
+            if "uncertainty" in measurement.displacement:
+                yield budget_table(measurement.displacement)
         if measurement.displacement.attrs["frame"] == "reference camera":
             yield Text(
                 "Axes: those of the reference camera (right, down, forward). For lateral, vertical and longitudinal "
@@ -81,7 +85,8 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
         shown = ""
         if np.isfinite(check.value):
             units = "" if check.units in ("", "1") else f" {check.units}"
-            shown = f" {check.value:.3g}{units} (limit {check.limit:.3g}{units})"
+            limit = f" (limit {check.limit:.3g}{units})" if check.limit > _NO_LIMIT else ""
+            shown = f" {check.value:.3g}{units}{limit}"
         yield Text(f" {check.outcome}: {check.name}{shown}: {check.sentence}", style=style)
     passed = sum(check.outcome is Outcome.PASS for check in audit.checks)
     colour = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.REFUSED: "red"}[audit.verdict]
