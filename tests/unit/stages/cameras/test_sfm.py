@@ -24,6 +24,7 @@ from vfm_sdm.stages.cameras.sfm import SfmCameras
 from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching import learned_features
+from vfm_sdm.stages.matching.features import FeatureMatches
 from vfm_sdm.stages.matching.learned_features import MATCHERS, LearnedMatcher
 
 pycolmap = pytest.importorskip("pycolmap", reason="structure from motion needs the extra 'sfm'")
@@ -45,7 +46,8 @@ def texture(seed):
 def with_matches(matches):
     """The estimator with ready matches in place of a learned matcher's."""
     estimator = SfmCameras()
-    estimator._matcher = SimpleNamespace(match=lambda images: matches)
+    ready = {pair: FeatureMatches(*both, np.ones(len(both[0]))) for pair, both in matches.items()}
+    estimator._matcher = SimpleNamespace(match=lambda images: ready)
     return estimator
 
 
@@ -289,7 +291,10 @@ class Detections:
         partners = torch.cat([torch.arange(count), torch.tensor([0])])
         mask = torch.tensor([1] * count + [0])
         return SimpleNamespace(
-            keypoints=keypoints[None], matches=torch.stack([partners] * 2)[None], mask=torch.stack([mask] * 2)[None]
+            keypoints=keypoints[None],
+            matches=torch.stack([partners] * 2)[None],
+            mask=torch.stack([mask] * 2)[None],
+            matching_scores=torch.ones(1, 2, count + 1),
         )
 
 

@@ -145,7 +145,7 @@ class TestThreeViews:
         half = u.shape[1] // 2
         pairs = [(u[0, :half], u[1, :half]), (u[0, half - 20 :], u[2, half - 20 :])]
         seen = [FeatureMatches(*pair, np.ones(len(pair[0]))) for pair in pairs]
-        monkeypatch.setattr(related_views, "match_features", lambda first, second: seen.pop(0))
+        monkeypatch.setattr(related_views, "match_features", lambda first, second, **_: seen.pop(0))
         estimate = TwoViewCameras().estimate(room_session(rig), frames)
         assert (estimate.rig, estimate.matches, estimate.status) == (None, (), CameraStatus.NO_COMMON_SCALE)
         assert "left, right and third: 20 matches go through all three, 30 are needed" in estimate.notes[-1]

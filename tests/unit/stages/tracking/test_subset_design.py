@@ -284,3 +284,13 @@ class TestFarMotion:
         bricks = np.tile(tile, (9, 9))[:-1, :-1].astype(np.uint8)
         found = coarse_motion(np.stack([bricks, np.roll(bricks, 7, axis=1)]), 31)
         assert np.abs(found[0] - [7, 0]).max() <= 2
+
+
+def test_a_flat_part_of_a_picture_is_nowhere_to_go():
+    """Where a picture is flat, as a clipped sky is, correlation coefficients mean nothing."""
+    rng = np.random.default_rng(4)
+    first = np.kron(rng.integers(60, 200, (30, 30)), np.ones((4, 4)))[:119, :119]
+    first[:, :40] = 128
+    later = np.roll(first, 1, axis=1)
+    later[:, :40] = 128
+    np.testing.assert_array_equal(coarse_motion(np.stack([first, later]).astype(np.uint8), 41), 0)

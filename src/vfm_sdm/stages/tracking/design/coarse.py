@@ -12,6 +12,8 @@ _AS_GOOD = 1.5
 """Places whose misfit is up to this many times the least are as good: along an edge, or on what repeats."""
 _FAR_BETTER = 0.5
 """A far place must leave less than this share of the misfit that is left near rest, or nothing was found there."""
+_LEAST_CONTRAST = 0.2
+"""Contrast over that of the point's own square below which a place shows something else, however well it correlates."""
 _LEAST_MISFIT = 1e-3
 """Single precision and whole pixels leave as much where nothing else does [1]."""
 
@@ -43,7 +45,7 @@ def coarse_motion(frames: LumaArray, template_px: int) -> FloatArray:
     near = far2 <= (REACH_PX / 2) ** 2
     motion = np.zeros((len(frames) - 1, 2))
     for row, frame in enumerate(detail[1:]):
-        correlation = cv2.matchTemplate(frame, detail[0][square], cv2.TM_CCOEFF_NORMED)
+        correlation = _correlate(frame, detail[0][square])
         misfit = _LEAST_MISFIT + 1 - np.clip(correlation, 0, 1) ** 2
         if misfit.min() >= _FAR_BETTER * misfit[near].min():
             continue
@@ -51,6 +53,16 @@ def coarse_motion(frames: LumaArray, template_px: int) -> FloatArray:
         v, u = np.unravel_index(int(nearest.argmin()), nearest.shape)
         motion[row] = steps[u], steps[v]
     return motion
+
+
+def _correlate(frame: Image, template: Image) -> Image:
+    """Correlation coefficient of a square with all places of a frame [1]; 0 where these are flat and it has none."""
+    found = cv2.matchTemplate(frame, template, cv2.TM_CCOEFF_NORMED)
+    half, size = template.shape[0] // 2, template.shape
+    inner = np.s_[half : half + found.shape[0], half : half + found.shape[1]]
+    variance = (cv2.boxFilter(frame * frame, -1, size) - cv2.boxFilter(frame, -1, size) ** 2)[inner]
+    flat = variance < _LEAST_CONTRAST**2 * float(template.var())
+    return np.where(flat | ~np.isfinite(found), np.float32(0), found)
 
 
 def _detail(frame: LumaArray) -> Image:
