@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from passes import count_passes
-from scenes import FPS, FRAMES, POINTS, motion_mm, write_scene
+from scenes import DEPTH, FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_points, make_tracks
 from vfm_sdm.core.netcdf import read_displacement, read_tracks
@@ -237,8 +237,9 @@ def test_the_resolved_session_measures_the_same(measured, tmp_path):
 
 def test_the_summary_tells_clocks_and_refinement(recording, tmp_path):
     session = read_session(recording)
-    distance = {"value": 7.0, "std": 0.05}
-    site = {"perpendicular_distance": distance, "longitudinal_distance": distance}
+    # The plane's, whose normal is turned by a fifth to the left.
+    across, along = ({"value": DEPTH * turned, "std": 0.05} for turned in (np.sqrt(1 / 1.04), 0.2 * np.sqrt(1 / 1.04)))
+    site = {"perpendicular_distance": across, "longitudinal_distance": along, "structure_side": "left"}
     method = {**session.method.model_dump(), "refinement": "sgr"}
     views = [{**view.model_dump(), "time_offset_s": None} for view in session.view]
     measure(changed(session, view=views, site=site, method=method), tmp_path / "run")
