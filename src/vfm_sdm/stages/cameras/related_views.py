@@ -38,6 +38,8 @@ _POINTED, _NO_CHANCE = Agreement(np.inf, 1.0, 1.0), Agreement(0.0, 1.0, 0.0)
 """Agreement of points that somebody named in both views, which is no chance."""
 _WRONG, _WRONG_BESIDE_FACE = 0.5, 0.2
 """Largest share of wrong matches that the adjustment's robust loss bears; and where it can do without them."""
+_CLOSE_STD, _NORMAL = 3.0, 1.4826
+"""Largest error of a match in the scatter of all, from their median absolute error by the normal distribution's."""
 _CHANCE_STD = 3.0
 """By how many standard deviations of a count the support has to exceed what chance gives."""
 _REACH = (0.045, 0.025)
@@ -213,6 +215,7 @@ def _relate_freely(
     real, chance = measure_agreement(agree, matches, cameras), chance_agreement(matches, cameras)
     one = RelatedView(replace(cameras[1], cam_from_world=pose), matches.chosen(agree), real, chance)
     judged = _judged(names, one, len(matches))
+    judged = replace(judged, matches=_close_ones(judged, cameras[0]))
     if judged.fault or (agree & alone).sum() >= MIN_INLIERS:
         return judged
     fault = (
@@ -220,6 +223,19 @@ def _relate_freely(
         f"{MIN_INLIERS} others are needed; name five points in both views (pixel_in), or choose views that show more"
     )
     return replace(judged, fault=fault, status=CameraStatus.NOT_CLEAR)
+
+
+def _close_ones(one: RelatedView, first: Camera) -> Matches:
+    """The matches that agree as closely as most: the tolerance of the search is that of focal lengths, not of features.
+
+    Where it holds many times their own scatter, what lies far from it is more likely wrong than imprecise.
+    """
+    m = one.matches
+    if len(m) < MIN_INLIERS:
+        return m
+    rig = Rig(("first", "second"), (first, one.camera))
+    error = np.abs(sampson_error(m.points_first, m.points_second, rig))
+    return m.chosen(error <= _CLOSE_STD * _NORMAL * np.median(error))
 
 
 def _named_pairs(session: Session, views: tuple[str, str], index: int) -> Matches | None:

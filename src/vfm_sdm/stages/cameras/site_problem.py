@@ -27,6 +27,8 @@ _POSE_PARAMETERS = 7
 """Largest number of parameters of the epipolar geometry of two views."""
 _RIGS_KEPT = 64
 _ROBUST_STD = 3.0
+_NORMAL = 1.4826
+"""Standard deviation over the median absolute value of a normal distribution."""
 _OUTLIER = 1e3
 _UNSTATED_LEVEL_STD = np.radians(1.0)
 """Standard deviation of pitch and roll without a level reading: a tripod head set by eye [rad]."""
@@ -264,8 +266,11 @@ class SiteProblem:
             if group.matches.std_px:
                 continue
             error = _compute_epipolar_error(group.matches, rig)
-            means = [float(np.median(error[group.cell == cell])) for cell in np.unique(group.cell)]
-            squares, free = squares + float(np.sum(np.square(means))), free + len(means)
+            means = np.array([np.median(error[group.cell == cell]) for cell in np.unique(group.cell)])
+            # Wrong matches must not make the right ones count less.
+            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(means)))
+            squares += float(np.sum(np.square(np.clip(means, -limit, limit))))
+            free += len(means)
         for shared in self._shared:
             errors = shared.points.errors(rig)
             shifts = [np.nanmedian(errors[shared.cell == cell], axis=0) for cell in np.unique(shared.cell)]
