@@ -15,6 +15,8 @@ from vfm_sdm.stages.synchronize.subsample import SubsampleEstimator, SubsampleLa
 
 __all__ = ["Consensus", "Joint", "SearchedLags", "find_consensus", "tie_limit"]
 
+_NEARLY_WHOLE = 0.8
+"""Share of the samples needed that must meet at the start value, where other lags have them all."""
 _ESTIMATED_PEAKS = 12
 _REACH = 1.5
 """Samples between a peak of the search and its estimated place; what lies farther away is another peak."""
@@ -81,10 +83,14 @@ class SearchedLags:
         """What some groups say together, at lags where enough samples meet."""
         chosen = list(members)
         dependence, samples = average_groups(self.dependence[chosen], self.samples[chosen], self.fewest)
-        enough = self._covered(chosen, samples) >= (self.shortest if shortest is None else shortest)
-        # A lag that samples are missing for may be the true one: what is seen must be whole around the start value.
+        least = self.shortest if shortest is None else shortest
+        covered = self._covered(chosen, samples)
+        enough = covered >= least
+        # A lag that samples are missing for may be the true one: what is seen must be whole around the start value,
+        # but for a few samples at the ends of short recordings.
         start = int(np.argmin(np.abs(self.lags - self.start_lag_s))) if self.lags.size else 0
-        whole = enough.any() and enough[start] and np.count_nonzero(np.diff(np.flatnonzero(enough)) > 1) == 0
+        seen = enough.any() and covered[start] >= _NEARLY_WHOLE * min(covered.max(), least)
+        whole = seen and np.count_nonzero(np.diff(np.flatnonzero(enough)) > 1) == 0
         dependence = np.where(enough & whole, dependence, np.nan)
         estimator = self._estimator(chosen)
         if not np.isfinite(dependence).any():

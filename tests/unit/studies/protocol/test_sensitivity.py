@@ -9,9 +9,10 @@ import pytest
 from vfm_sdm.studies.protocol import sensitivity
 from vfm_sdm.studies.protocol.runs import FieldTest, MethodRun
 from vfm_sdm.studies.protocol.sensitivity import PARAMETERS, run_sensitivity, sensitivity_plan
-from vfm_sdm.studies.synthetic.field_test import _session, _truth
+from vfm_sdm.studies.synthetic.field_test import _truth
 from vfm_sdm.studies.synthetic.plan import Recording
 from vfm_sdm.studies.synthetic.presets import preset
+from vfm_sdm.studies.synthetic.survey import make_sessions
 
 GAIN = {"none": 1.2, "sgr": 1.1}
 """What the stand-in for a measurement makes of the truth."""
@@ -25,7 +26,7 @@ def study(tmp_path_factory):
 
     def prepare(place, plan, *, progress=None):
         plans[place.relative_to(folder).as_posix()] = plan
-        return FieldTest(plan, place, _session(plan, place), _truth(plan), None)
+        return FieldTest(plan, place, make_sessions(plan, place)["session.toml"], _truth(plan), None)
 
     def run(test, method, place, *, progress=None):
         runs.append((test, method, place.relative_to(folder).as_posix()))

@@ -18,6 +18,7 @@ def gains(gain, std, directions=None):
         {
             "injected_gain": (dims, [[gain]], {"units": "1"}),
             "injected_gain_std": (dims, [[std]], {"units": "1"}),
+            "injected_noise": (dims, np.zeros((1, 1, 2)), {"units": "px"}),
             "injected_direction": ((*dims, "pixel"), [[directions]]),
         },
         coords={"view": ["left"], "point": ["p0"], "pixel": ["u", "v"]},
