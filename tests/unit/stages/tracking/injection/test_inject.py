@@ -46,7 +46,7 @@ def test_the_gain_of_a_weak_texture_is_found_without_truth(weak, tmp_path, codec
         )
         assert 1 - true.gain > least, "the recording loses something"
         assert abs(gain - true.gain) < 2.5 * np.hypot(std, true.std)
-        # The truth is known to its own scatter only, which is as large as a small loss; encoders differ by their threads.
+        # The truth is known to its scatter only, which is as large as a small loss; encoders differ by their threads.
         assert abs(gain - true.gain) < 0.7 * (1 - true.gain) + 2 * true.std
         assert std < 0.06
         assert 1 / 1.6 < noise / true.noise < 1.6
