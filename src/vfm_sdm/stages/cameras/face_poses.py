@@ -308,7 +308,9 @@ def _fit(ground: _Ground, pose: FloatArray, matches: Matches, known: tuple[Camer
         def residuals(p: FloatArray, part: _Ground = part) -> FloatArray:
             across, along, length = part.errors(_rotations(p), centre_of(p))
             noise = _FINE / 3 * part.long_side_px
-            values = [across[0] / noise, along[0] / np.hypot(noise, length[0]), [(p[2] - level) / std, p[4]]]
+            with np.errstate(invalid="ignore"):  # behind the camera both are infinite
+                depth = along[0] / np.hypot(noise, length[0])
+            values = [across[0] / noise, depth, [(p[2] - level) / std, p[4]]]
             return np.asarray(np.nan_to_num(np.concatenate(values), nan=1e3, posinf=1e3, neginf=-1e3))
 
         parameters = least_squares(residuals, parameters, loss="soft_l1", x_scale=[0.01, 0.01, 0.01, 0.1, 1.0]).x
