@@ -30,6 +30,9 @@ SITE = replace(FootbridgeSite(image_size=(480, 270)), further=(*FootbridgeSite()
 
 pytestmark = pytest.mark.slow
 
+_SCATTER = 1.1
+"""Root mean squares of some hundred samples are known to 5 to 7 %, and the best of three pairs is the luckiest."""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
@@ -95,7 +98,7 @@ def test_three_views_are_as_good_as_the_best_pair(measured, truth, refined, caps
     # What is wanted of a bridge: motion across it and up and down.
     assert np.hypot(*three[:2]) <= min(np.hypot(*rms[:2]) for rms in pairs.values())
     if not refined:
-        assert np.all(three <= 1.05 * np.min(list(pairs.values()), axis=0))
+        assert np.all(three <= _SCATTER * np.min(list(pairs.values()), axis=0))
 
 
 def test_cameras_that_nobody_knows_are_found_and_the_audit_agrees(folder, truth, tmp_path):
