@@ -12,6 +12,7 @@ from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.inputs.session import Network
 from vfm_sdm.networks.availability import require_torch, why_unavailable
 from vfm_sdm.networks.loading import load_weights, read_state
+from vfm_sdm.networks.weights import find_weights, weights_id
 from vfm_sdm.stages.matching.features import FeatureMatches
 from vfm_sdm.stages.matching.network_images import reduce_image
 
@@ -36,6 +37,11 @@ class KorniaMatcher:
         ``aliked`` [1]_ or ``xfeat`` [2]_.
     network
         Settings of networks, of which the device counts; the weights are those registered for the detector.
+
+    Attributes
+    ----------
+    weights_id
+        Names and hashes of the weights, for keys.
 
     Raises
     ------
@@ -65,6 +71,8 @@ class KorniaMatcher:
         placing: Any = import_module("vfm_sdm.networks.device")
         self._place: Any = placing.choose_placement((network or Network()).device, "float32")
         self._detector = detector
+        files = (find_weights(names[detector]) for names in (_EXTRACTORS, _MATCHERS))
+        self.weights_id = "+".join(weights_id(file) for file in files)
         self._extract = self._load_extractor().to(self._place.device).eval()
         self._glue = self._load_matcher().to(self._place.device).eval()
 

@@ -14,6 +14,7 @@ from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.inputs.session import Sfm
 from vfm_sdm.inputs.video import Region
+from vfm_sdm.networks.weights import weights_id
 from vfm_sdm.stages.matching.features import FeatureMatches
 from vfm_sdm.stages.matching.network_images import reduce_image
 
@@ -39,6 +40,11 @@ class LearnedMatcher:
     model
         Folder with ``config.json`` and ``model.safetensors``; by default the published checkpoint where it lies
         already in the download cache. Nothing is downloaded here: the checkpoints come with a licence to accept.
+
+    Attributes
+    ----------
+    weights_id
+        Name and hash, or commit, of the weights, for keys.
 
     Raises
     ------
@@ -69,6 +75,9 @@ class LearnedMatcher:
                 "pip install 'vfm-sdm[sfm]', or use matching = 'sift'"
             ) from error
         self._network = _load_network(transformers, matcher, model)
+        # A checkpoint of the hub is one commit; a folder is known by its weights.
+        commit = getattr(self._network.config, "_commit_hash", None)
+        self.weights_id = f"{matcher}-{commit}" if model is None else weights_id(Path(model) / "model.safetensors")
 
     def match(self, images: Sequence[LumaArray]) -> dict[tuple[int, int], FeatureMatches]:
         """Features that look alike, by pair of images, before any geometric check.
