@@ -57,8 +57,9 @@ _WholeFiles = Annotated[
 
 _RECIPE, _CLOCK = RecipeOptions(), ClockOptions()
 
-_out = Console()
-_err = Console(stderr=True)
+# Names in square brackets are names, no markup.
+_out = Console(markup=False)
+_err = Console(stderr=True, markup=False)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -72,7 +73,7 @@ def main(words: Sequence[str] | None = None) -> None:
     try:
         app(words)
     except VfmSdmError as error:
-        _err.print(f"vfm-sdm: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        _err.print(f"vfm-sdm: {error}", style="red", highlight=False, soft_wrap=True)
         sys.exit(1)
     except KeyboardInterrupt:
         _err.print("vfm-sdm: interrupted; finished stages are kept and the next run reuses them")
@@ -126,7 +127,7 @@ def cameras(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles 
     """Only cameras, axes and the points' places in every view: writes cameras.toml."""
     settings = read_session(session)
     with _progress() as progress:
-        solution = Measurement(settings, output, progress=progress, whole_files=whole_files).cameras
+        solution = Measurement(settings, output, progress=progress, whole_files=whole_files).run("cameras").cameras
     for part in reports.camera_report(solution):
         _out.print(part)
     _say(f"written: {output / 'cameras.toml'}")
@@ -137,7 +138,7 @@ def track(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = 
     """Follow the points in every view: writes cameras.toml, points.nc and tracks.nc. Works with a single view, too."""
     settings = read_session(session)
     with _progress() as progress:
-        tracks = Measurement(settings, output, progress=progress, whole_files=whole_files).tracks
+        tracks = Measurement(settings, output, progress=progress, whole_files=whole_files).run("tracks").tracks
     _out.print(reports.track_table(tracks))
     _say(f"written: {output / 'tracks.nc'}")
 
@@ -148,7 +149,7 @@ def displacement(session: _SessionFile, *, output: _Output, whole_files: _WholeF
     settings = read_session(session)
     with _progress() as progress:
         measurement = Measurement(settings, output, progress=progress, whole_files=whole_files)
-        result = measurement.displacement
+        result = measurement.run("displacement").displacement
     if result is None:
         _fail(f"no displacement: {measurement.cameras.status}")
     _out.print(reports.displacement_table(result))
@@ -209,7 +210,7 @@ def evaluate(
     )
     _out.print(reports.evaluation_table(result))
     for note in result.notes:
-        _out.print(f"note: {note}", style="yellow", markup=False, highlight=False)
+        _out.print(f"note: {note}", style="yellow", highlight=False)
     _say(f"written: {write_evaluation(run, result)}")
     if not result.scored_rows:
         _fail(f"no figures: {result.notes[-1]}")
@@ -268,7 +269,7 @@ def fetch(
 def info() -> None:
     """Versions, processors, codecs, and which back ends can run here and why others cannot."""
     for name, lines in describe_environment().items():
-        _out.print(f"[bold]{name}[/bold]")
+        _out.print(name, style="bold")
         for line in lines:
             _say(f"  {line}")
 
@@ -279,7 +280,7 @@ def _acknowledged(name: str) -> bool:
         return False
     one = CHECKPOINTS[name]
     for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
-        _err.print(line, markup=False, highlight=False)
+        _err.print(line, highlight=False)
     return Confirm.ask("Have you read this licence, and do you accept it?", console=_err, default=False)
 
 
@@ -289,13 +290,13 @@ def _forecast(output: Path) -> Callable[[Mapping[str, xr.Dataset]], None] | None
 
 
 def _say(line: str) -> None:
-    """Prints a line as it is: the terminal's edge breaks no path, and brackets in it are no markup."""
-    _out.print(line, markup=False, highlight=False, soft_wrap=True)
+    """Prints a line as it is: the terminal's edge breaks no path."""
+    _out.print(line, highlight=False, soft_wrap=True)
 
 
 def _fail(reason: str) -> NoReturn:
     """Ends with status 3: the input was right, the data did not allow a result."""
-    _err.print(f"vfm-sdm: {reason}", style="red", markup=False, highlight=False, soft_wrap=True)
+    _err.print(f"vfm-sdm: {reason}", style="red", highlight=False, soft_wrap=True)
     sys.exit(3)
 
 
@@ -315,7 +316,7 @@ def _progress() -> Iterator[Callback]:
     """A progress bar on the terminal, one line for each thing done; silent where output is not a terminal."""
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),

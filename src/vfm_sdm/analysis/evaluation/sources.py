@@ -1,6 +1,7 @@
 """Evaluation of files: recordings of sensors of any kind, and the run folder of a measurement."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import xarray as xr
@@ -8,11 +9,12 @@ import xarray as xr
 from vfm_sdm.analysis.evaluation.comparison import ReferenceClock, evaluate
 from vfm_sdm.analysis.evaluation.records import Evaluation
 from vfm_sdm.core.netcdf import read_displacement
+from vfm_sdm.core.run_folder import RunFolder
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
 from vfm_sdm.inputs.sensors.netcdf import join_sensors, read_comparison
 from vfm_sdm.inputs.sensors.sensor_csv import read_acceleration, read_reference
-from vfm_sdm.inputs.session import Session, read_session
+from vfm_sdm.inputs.session import Session, read_session, session_hash
 
 __all__ = ["evaluate_run", "read_sensors"]
 
@@ -112,11 +114,14 @@ def evaluate_run(
     displacement = read_displacement(folder)
     session_file = Path(folder) / "session.resolved.toml"
     session = read_session(session_file, check_files=False) if session_file.is_file() else None
+    own_hash = "" if session is None else session_hash(session)
+    notes = RunFolder(folder).check_whole("displacement", displacement.attrs, own_hash)
     is_csv = Path(reference).suffix.lower() == ".csv"
     known = _read_session_sensor(session, Path(reference)) if is_csv else read_comparison(reference)
     if pairs is None and session is not None:
         pairs = _read_session_pairs(session, displacement, known)
-    return evaluate(displacement, known, pairs=pairs, axes=axes, band_hz=band_hz, clock=clock)
+    result = evaluate(displacement, known, pairs=pairs, axes=axes, band_hz=band_hz, clock=clock)
+    return replace(result, notes=(*notes, *result.notes))
 
 
 def _read_session_sensor(session: Session | None, path: Path) -> xr.Dataset:

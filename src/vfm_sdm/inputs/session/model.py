@@ -32,7 +32,8 @@ __all__ = ["Chessboard", "Lens", "Point", "Sensor", "Session", "View"]
 _Count = Annotated[int, Strict(), Field(ge=3)]
 # Becomes a netCDF group and part of a file name. Not made of `Name`: of two `Field`s on one type, pydantic before 2.12
 # takes over the default that another field of that type has.
-_ViewName = Annotated[str, Field(min_length=1, pattern=r"^[^/\\]+$")]
+_PLAIN, _NO_DOT = r"[^/\\\x00-\x1f\x7f]", r"[^/\\.\x00-\x1f\x7f]"
+_ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*$")]
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
 _Pixel = tuple[_Coordinate, _Coordinate]

@@ -9,7 +9,7 @@ __all__ = ["Entry", "Length", "Level", "Measured", "Name", "Number", "Positive",
 # Strict numbers, because pydantic would otherwise take "4.0" and true for numbers without a word.
 Number = Annotated[float, Strict()]
 Positive = Annotated[Number, Field(gt=0)]
-Name = Annotated[str, Field(min_length=1)]
+Name = Annotated[str, Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
 class Entry(BaseModel):

@@ -10,7 +10,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
 
 from vfm_sdm.core.arrays import LumaArray
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
@@ -98,7 +98,7 @@ def write_rig(path: Path | str, rig: Rig, *, extra: Mapping[str, Any] | None = N
     ------
     CameraError
         ``extra`` holds something that TOML cannot.
-    OSError
+    ResultsError
         The file cannot be written.
 
     Examples
@@ -135,8 +135,7 @@ def write_rig(path: Path | str, rig: Rig, *, extra: Mapping[str, Any] | None = N
         text = tomli_w.dumps(document)
     except TypeError as error:
         raise CameraError(f"extra: expected numbers, strings, lists and tables, got another type; {error}") from error
-    with replace_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_file(path, text)
 
 
 def read_rig(path: Path | str) -> Rig:

@@ -138,7 +138,7 @@ def test_a_reference_file_comes_back_as_it_was(run, tmp_path):
     assert back.attrs["onset_s"] == reference.attrs["onset_s"]
     assert back["displacement"].attrs["units"] == "mm"
     assert "point" in read_comparison(run / "displacement.nc").dims
-    with pytest.raises(ResultsError, match=r"expected to write it, got: .*; free space or choose a folder"):
+    with pytest.raises(ResultsError, match=r"expected to write it, got: .*; choose another folder"):
         write_reference(path / "below.nc", reference)
     with pytest.raises(DatasetError, match="onset_s"):
         write_reference(path, reference.drop_attrs(deep=False).assign_attrs(sampling_rate_hz=30.0))
