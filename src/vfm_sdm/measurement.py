@@ -14,12 +14,12 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.files import file_fingerprint
+from vfm_sdm.core.files import file_fingerprint, file_hash
 from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, product
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import code_modules, make, settings_read
-from vfm_sdm.core.run_folder import RunFolder
+from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import DatasetError, SessionError
@@ -331,7 +331,7 @@ class Measurement(Chain[Session]):
         kept = [one.file for name in self.products() if (one := self.product(name).kept) is not None]
         folder.check_inputs_stay([path for _, path in input_files(self._session)], kept)
         with folder.opened(self._identity(self._session)):
-            write_session(self.folder / "session.resolved.toml", self._session)
+            folder.add({"session_file": file_hash(write_session(self.folder / SESSION, self._session))})
             for name in names:
                 getattr(self, name)
             if "figures" in names:

@@ -11,10 +11,13 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from vfm_sdm.core.files import remove_orphans, write_json
+from vfm_sdm.core.files import file_hash, remove_orphans, write_json
 from vfm_sdm.errors import ResultsError
 
-__all__ = ["RunFolder"]
+__all__ = ["SESSION", "RunFolder"]
+
+SESSION = "session.resolved.toml"
+"""The session that is measured in a folder, with all its settings."""
 
 _SUMMARY, _LOCK, _FIGURES = "summary.json", "run.lock", "figures"
 _RESULTS = (
@@ -132,7 +135,7 @@ class RunFolder:
             if path.parent.name == _FIGURES and path not in paths:
                 path.unlink(missing_ok=True)
 
-    def check_whole(self, product: str, marks: Mapping[str, Any], session_hash: str) -> tuple[str, ...]:
+    def check_whole(self, product: str, marks: Mapping[str, Any]) -> tuple[str, ...]:
         """Refuses a result that is not of the run which the folder describes; notes on one that is.
 
         Parameters
@@ -141,8 +144,6 @@ class RunFolder:
             Name of the product, such as ``displacement``.
         marks
             What its file says of itself: ``key`` and ``session_hash``.
-        session_hash
-            Hash of the session in the folder; empty where there is none.
 
         Returns
         -------
@@ -155,11 +156,6 @@ class RunFolder:
             The result, the session and ``summary.json`` belong to different runs, or to one that was cut short.
         """
         record, own = self.record, str(marks.get("session_hash", ""))
-        if session_hash and own and own != session_hash:
-            raise ResultsError(
-                f"{self.path}: expected results of one session, got {product} of session {own[:8]} beside "
-                f"session.resolved.toml of session {session_hash[:8]}; run `vfm-sdm measure` again"
-            )
         if not record or not own:
             return ()
         stated = record.get("products", {}).get(product)
@@ -168,6 +164,12 @@ class RunFolder:
                 f"{self.path}: expected results of one run, got {product} of session {own[:8]} that summary.json of "
                 f"session {str(record.get('session_hash'))[:8]} does not know: runs of different sessions are mixed, "
                 "or one was cut short; run `vfm-sdm measure` again"
+            )
+        session = self.path / SESSION
+        if session.exists() and record.get("session_file") not in (None, file_hash(session)):
+            raise ResultsError(
+                f"{self.path}: expected results of one session, got another {SESSION} beside {product} and "
+                "summary.json; run `vfm-sdm measure` again"
             )
         if record.get("finished") is False:
             return ("the session in this folder is not measured to its end; `vfm-sdm measure` finishes it",)

@@ -9,12 +9,12 @@ import xarray as xr
 from vfm_sdm.analysis.evaluation.comparison import ReferenceClock, evaluate
 from vfm_sdm.analysis.evaluation.records import Evaluation
 from vfm_sdm.core.netcdf import read_displacement
-from vfm_sdm.core.run_folder import RunFolder
+from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
 from vfm_sdm.inputs.sensors.netcdf import join_sensors, read_comparison
 from vfm_sdm.inputs.sensors.sensor_csv import read_acceleration, read_reference
-from vfm_sdm.inputs.session import Session, read_session, session_hash
+from vfm_sdm.inputs.session import Session, read_session
 
 __all__ = ["evaluate_run", "read_sensors"]
 
@@ -112,10 +112,9 @@ def evaluate_run(
         A file is missing or is not what it should be; nothing can be paired; or `evaluate` refuses the data.
     """
     displacement = read_displacement(folder)
-    session_file = Path(folder) / "session.resolved.toml"
+    session_file = Path(folder) / SESSION
     session = read_session(session_file, check_files=False) if session_file.is_file() else None
-    own_hash = "" if session is None else session_hash(session)
-    notes = RunFolder(folder).check_whole("displacement", displacement.attrs, own_hash)
+    notes = RunFolder(folder).check_whole("displacement", displacement.attrs)
     is_csv = Path(reference).suffix.lower() == ".csv"
     known = _read_session_sensor(session, Path(reference)) if is_csv else read_comparison(reference)
     if pairs is None and session is not None:

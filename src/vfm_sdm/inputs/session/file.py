@@ -47,6 +47,8 @@ def read_session(path: Path | str, *, check_files: bool = True) -> Session:
         ) from error
     except tomllib.TOMLDecodeError as error:
         raise SessionError(f"{source}: expected TOML, got: {error}; correct that line") from error
+    except RecursionError as error:
+        raise SessionError(f"{source}: expected tables, got brackets nested without end; correct the file") from error
     folder = source.absolute().parent
     faults: list[str] = []
     if "folder" in fields:

@@ -37,6 +37,7 @@ _ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
 _Pixel = tuple[_Coordinate, _Coordinate]
+_Millimetres = Annotated[float, Strict(), Field(gt=0, ge=1e-2, le=1e5)]
 
 
 def _instant(value: object) -> object:
@@ -56,10 +57,10 @@ class Lens(Entry):
     recorded), or ``focal_px``. ``relative_std`` is the relative standard deviation of the focal length [1].
     """
 
-    focal_mm: Positive | None = None
-    sensor_width_mm: Positive | None = None
-    focal_px: Positive | None = None
-    relative_std: Positive = 0.02
+    focal_mm: _Millimetres | None = None
+    sensor_width_mm: _Millimetres | None = None
+    focal_px: Annotated[float, Strict(), Field(gt=0, ge=1, le=1e7)] | None = None
+    relative_std: Annotated[float, Strict(), Field(gt=0, ge=1e-7, le=10)] = 0.02
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
