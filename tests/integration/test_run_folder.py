@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -62,13 +63,27 @@ def paths(tmp_path_factory) -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def finished(paths, tmp_path_factory) -> dict[str, float]:
+def folders(paths, tmp_path_factory) -> list[Path]:
+    """A run of each session, to copy."""
+    made = [tmp_path_factory.mktemp("whole") for _ in paths]
+    for path, folder in zip(paths, made, strict=True):
+        measure(read_session(path), folder)
+    return made
+
+
+@pytest.fixture
+def run(folders, tmp_path) -> Path:
+    """A finished run of the first session, which a test may damage."""
+    return Path(shutil.copytree(folders[0], tmp_path / "run"))
+
+
+@pytest.fixture(scope="module")
+def finished(paths, folders) -> dict[str, float]:
     """Largest displacement [mm] by name of the session."""
     sizes = {}
-    for path in paths:
-        session = read_session(path)
-        found = measure(session, tmp_path_factory.mktemp("whole"))
-        sizes[session.name] = float(np.abs(found.displacement["displacement"]).max())
+    for path, folder in zip(paths, folders, strict=True):
+        session, found = read_session(path), read_displacement(folder)
+        sizes[session.name] = float(np.abs(found["displacement"]).max())
     small, large = sizes.values()
     assert large == pytest.approx(2 * small, rel=0.01)
     return sizes
@@ -109,10 +124,9 @@ def kill_runs(paths, folder, kills):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 @pytest.mark.parametrize("count", [5, pytest.param(30, marks=pytest.mark.slow)])
-def test_killed_runs_leave_no_mixture(paths, finished, tmp_path, count):
+def test_killed_runs_leave_no_mixture(paths, finished, run, count):
     rng = np.random.default_rng(count)
-    folder = tmp_path / "run"
-    measure(read_session(paths[0]), folder)
+    folder = run
     # A run writes some 15 files; the last of these kills come at figures.
     kills = [[(k + 1) % 2, int(n)] for k, n in enumerate(rng.permutation(np.arange(count) * 16 // count))]
     for _ in kill_runs(paths, folder, kills):
@@ -122,7 +136,7 @@ def test_killed_runs_leave_no_mixture(paths, finished, tmp_path, count):
     assert not list(folder.rglob(".*"))
 
 
-def test_the_views_that_were_tracked_before_a_kill_are_not_tracked_again(paths, tmp_path):
+def test_the_views_that_were_tracked_before_a_kill_are_not_tracked_again(paths, folders, tmp_path):
     class Killed(BaseException):
         pass
 
@@ -139,13 +153,12 @@ def test_the_views_that_were_tracked_before_a_kill_are_not_tracked_again(paths, 
     assert "tracking right" in said
     assert "tracking left" not in said
     assert again.reused == ["cameras"]
-    whole = measure(session, tmp_path / "other")
-    np.testing.assert_array_equal(again.displacement["displacement"], whole.displacement["displacement"])
+    whole = read_displacement(folders[0])
+    np.testing.assert_array_equal(again.displacement["displacement"], whole["displacement"])
 
 
-def test_results_of_another_session_do_not_stay(paths, tmp_path):
-    folder = tmp_path / "run"
-    measure(read_session(paths[0]), folder)
+def test_results_of_another_session_do_not_stay(paths, run):
+    folder = run
     (folder / "displacement.mat").write_bytes(b"an export")
     (folder / "figures" / "displacement_gone.png").write_bytes(b"a figure of a point that is no more")
     (folder / "my notes.txt").write_text("stay")
@@ -161,16 +174,15 @@ def test_results_of_another_session_do_not_stay(paths, tmp_path):
     assert RunFolder(folder).record["finished"] is True
 
 
-def test_figures_that_a_run_no_longer_draws_go(paths, tmp_path):
-    folder, session = tmp_path / "run", read_session(paths[0])
-    measure(session, folder)
+def test_figures_that_a_run_no_longer_draws_go(paths, run):
+    folder, session = run, read_session(paths[0])
     (folder / "figures" / "trajectory_third.png").write_bytes(b"")
     result = measure(session, folder)
     assert sorted(folder.glob("figures/*")) == sorted(result.figures)
 
 
-def test_a_folder_in_use_is_refused(paths, tmp_path):
-    folder, session = tmp_path / "run", read_session(paths[0])
+def test_a_folder_in_use_is_refused(paths, run):
+    folder, session = run, read_session(paths[0])
     inside = RunFolder(folder)
     with (
         inside.opened({"session_hash": "a", "input_hashes": {}}),
@@ -181,11 +193,6 @@ def test_a_folder_in_use_is_refused(paths, tmp_path):
 
 
 class TestReaders:
-    @pytest.fixture
-    def run(self, paths, tmp_path) -> Path:
-        measure(read_session(paths[0]), tmp_path / "run")
-        return tmp_path / "run"
-
     def check(self, run: Path) -> tuple[str, ...]:
         return RunFolder(run).check_whole("displacement", read_displacement(run).attrs)
 
@@ -205,7 +212,7 @@ class TestReaders:
 
     def test_results_that_the_summary_does_not_know_are_refused(self, run):
         displacement = read_displacement(run)
-        write_displacement(run, (2 * displacement).assign_attrs(displacement.attrs, key="another"))
+        write_displacement(run, displacement.assign_attrs(key="another"))
         with pytest.raises(ResultsError, match=r"summary.json .* does not know: .* run `vfm-sdm measure` again"):
             self.check(run)
 
