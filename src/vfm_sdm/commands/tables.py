@@ -91,8 +91,10 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
             shown = f" {check.value:.3g}{units}{limit}"
         yield Text(f" {check.outcome}: {check.name}{shown}: {check.sentence}", style=style)
     passed = sum(check.outcome is Outcome.PASS for check in audit.checks)
-    colour = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.REFUSED: "red"}[audit.verdict]
-    reasons = f": {'; '.join(check.name for check in audit.flagged)}" if audit.flagged else ""
+    colour = {Verdict.FIT: "green", Verdict.REFUSED: "red"}.get(audit.verdict, "yellow")
+    named = [check.name for check in audit.flagged]
+    named += [f"{check.name} not checked" for check in audit.missing]
+    reasons = f": {'; '.join(named)}" if named else ""
     yield Text(
         f"verdict: {audit.verdict}{reasons} ({passed} of {len(audit.checks)} checks passed)", style=f"bold {colour}"
     )

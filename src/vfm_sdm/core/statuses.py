@@ -187,4 +187,5 @@ class Verdict(StrEnum):
 
     FIT = "fit to use"
     CARE = "use with care"
+    NOT_JUDGED = "not judged"
     REFUSED = "do not use"

@@ -19,7 +19,12 @@ _STYLE = {
     Outcome.FAIL: ("#D55E00", "X"),
     Outcome.NOT_POSSIBLE: ("#999999", "|"),
 }
-_VERDICT_COLOUR = {Verdict.FIT: "#009E73", Verdict.CARE: "#E69F00", Verdict.REFUSED: "#D55E00"}
+_VERDICT_COLOUR = {
+    Verdict.FIT: "#009E73",
+    Verdict.CARE: "#E69F00",
+    Verdict.NOT_JUDGED: "#E69F00",
+    Verdict.REFUSED: "#D55E00",
+}
 _RANGE = (0.01, 30.0)
 _ROW_IN = 0.34
 _TEXT_COLUMNS = 92

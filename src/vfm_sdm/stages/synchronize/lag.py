@@ -15,6 +15,7 @@ from vfm_sdm.stages.synchronize.subsample import SubsampleLag
 
 __all__ = ["LagSearch", "Synchronization", "estimate_lag"]
 
+_FEWEST_STAMPS = 4
 _HIGHEST_SHARE = 0.25
 """Highest frequency used, as a share of the lower sampling rate; above, interpolation changes amplitudes."""
 _SHORTEST_OVERLAP_S = 3.0
@@ -158,6 +159,8 @@ def estimate_lag(
     groups = groups or [(tuple(range(values_a.shape[1])), tuple(range(values_b.shape[1])))]
     _check_options(groups, values_a.shape[1], values_b.shape[1], positive_gain)
     _check_search(search)
+    if min(time_a.size, time_b.size) < _FEWEST_STAMPS:
+        return _report_failure(ClockStatus.TOO_SHORT)
     rates = sampling_rate(time_a), sampling_rate(time_b)
     band = (band_hz[0], min(band_hz[1], _HIGHEST_SHARE * min(rates)))
     if not 0 < band_hz[0] < band_hz[1]:
