@@ -13,6 +13,7 @@ from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, triangulation_jacobian
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs
+from vfm_sdm.stages.cameras.site_values import POINTED_STD_PX
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
 __all__ = ["Reading", "check_scale", "list_readings"]
@@ -22,8 +23,6 @@ _UNUSABLE = 0.5
 """Expanded relative uncertainty of the scale beyond which displacement is not even known by its size [1]."""
 _LENGTH_STD_M, _RANGE_STD_M = 0.005, 0.005
 """What a tape between two marks, and a laser from a tripod, are good for [m]."""
-_MARK_PX = 0.5
-"""How well the ends of a length are found in the pictures [px]."""
 _LENS_STD = 0.003
 """Relative standard deviation of a focal length that was calibrated [1]."""
 _WORTH_SAYING = 0.8
@@ -66,7 +65,7 @@ def check_scale(inputs: AuditInputs) -> AuditCheck:
     where = f"{axis} of {point}"
     if value <= limit:
         return AuditCheck(_NAME, Outcome.PASS, value, limit, "1", f"known to {_percent(value)} (k = 2)", where)
-    best = min(list_readings(inputs, point, axis), key=lambda one: one.left, default=None)
+    best = min(list_readings(inputs, point), key=lambda one: one.left, default=None)
     advice = "no single length, range or lens would tell it much better; measure several"
     if best is not None and best.left < _WORTH_SAYING * value:
         advice = f"{best.sentence} brings {_percent(value)} to {_percent(best.left)}"
@@ -75,15 +74,15 @@ def check_scale(inputs: AuditInputs) -> AuditCheck:
     return AuditCheck(_NAME, outcome, value, limit, "1", sentence, where)
 
 
-def list_readings(inputs: AuditInputs, point: str, axis: str) -> list[Reading]:
+def list_readings(inputs: AuditInputs, point: str) -> list[Reading]:
     """What could still be measured on site, and what each reading would leave of the uncertainty of a point's scale.
 
     Parameters
     ----------
     inputs
         Session, cameras, tracks on one clock and displacement.
-    point, axis
-        Point and axis whose scale matters.
+    point
+        Point whose scale matters, of its worst axis.
 
     Returns
     -------
@@ -99,11 +98,12 @@ def list_readings(inputs: AuditInputs, point: str, axis: str) -> list[Reading]:
         return []
     covariance = cameras.covariance
     rotation = np.eye(3) if cameras.frame is None else cameras.frame.rotation
-    direction = rotation[[str(a) for a in inputs.displacement["axis"].values].index(axis)]
-    scale = _differentiate_scale(cameras.rig, pixels[:, names.index(point)], direction)
+    axes = [str(a) for a in inputs.displacement["axis"].values]
+    directions = rotation[[axes.index(axis) for axis in _list_axes(inputs)]]
+    scales = [_differentiate_scale(cameras.rig, pixels[:, names.index(point)], one) for one in directions]
     size = len(covariance)
     return [
-        Reading(words, _leave(scale, covariance, np.pad(slope, (0, size - len(slope))), std))
+        Reading(words, max(_leave(scale, covariance, np.pad(slope, (0, size - len(slope))), std) for scale in scales))
         for words, slope, std in _propose(cameras.rig, names, pixels)
     ]
 
@@ -111,8 +111,7 @@ def list_readings(inputs: AuditInputs, point: str, axis: str) -> list[Reading]:
 def _find_worst(inputs: AuditInputs) -> tuple[str, str, float] | None:
     """Point, axis and expanded relative uncertainty of its scale; ``None`` where none is known."""
     data = inputs.displacement.sel(point=inputs.moving)
-    suppressed = inputs.session.method.sgr.suppressed_axis if inputs.session.method.refinement == "sgr" else ""
-    axes = [str(a) for a in data["axis"].values if str(a) not in (suppressed, "longitudinal", "forward")]
+    axes = _list_axes(inputs)
     chosen = data.sel(axis=axes)
     measured = ((chosen["status"] == Status.OK) & np.isfinite(chosen["displacement"])).any("time")
     stds = chosen["scale_std"].where(measured).values
@@ -120,6 +119,13 @@ def _find_worst(inputs: AuditInputs) -> tuple[str, str, float] | None:
         return None
     row, column = np.unravel_index(int(np.nanargmax(stds)), stds.shape)
     return inputs.moving[row], axes[column], COVERAGE_FACTOR * float(stds[row, column])
+
+
+def _list_axes(inputs: AuditInputs) -> list[str]:
+    """Axes of which the scale is judged: those across the structure that are measured."""
+    suppressed = inputs.session.method.sgr.suppressed_axis if inputs.session.method.refinement == "sgr" else ""
+    axes = [str(axis) for axis in inputs.displacement["axis"].values]
+    return [axis for axis in axes if axis not in (suppressed, "longitudinal", "forward")]
 
 
 def _list_places(inputs: AuditInputs, rig: Rig) -> tuple[list[str], FloatArray]:
@@ -183,7 +189,7 @@ def _spread_marks(rig: Rig, pixels: FloatArray) -> Iterator[float]:
         along = places[a] - places[b]
         direction = along / max(float(np.linalg.norm(along)), 1e-12)
         ends = np.stack([np.tensordot(direction, jacobian[end], axes=1) for end in (a, b)])
-        yield _MARK_PX * float(np.linalg.norm(ends))
+        yield POINTED_STD_PX * float(np.linalg.norm(ends))
 
 
 def _leave(scale: FloatArray, covariance: FloatArray, slope: FloatArray, std: float) -> float:
