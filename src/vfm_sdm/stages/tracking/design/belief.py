@@ -82,7 +82,8 @@ def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -
     Notes
     -----
     1. The nearest surroundings that have texture show the point's motion d0, at least across an edge.
-    2. Other motions are what stands still, and those of blocks that are seen to do something else.
+    2. Other motions are what stands still, and those of blocks that are seen to do something else; where nothing stands
+       still, as in trembling air, also that of the window on the whole.
     3. Every area of the window votes between d0 and another motion d1: with J(d) the frames under a motion,
        t = sum (J(d0) - J(d1)) (I - J(d1)) / sum (J(d0) - J(d1))^2 over its pixels and all frames is the most likely
        share of d0, 1 for what moves with the point and 0 for what does not; its standard deviation is
@@ -102,9 +103,9 @@ def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -
     square = inside[:, None] * inside[None, :]
     motion, covariance, radius = _find_seed(window, noise, steady, start)
     core = np.exp(-window.radius2 / (2 * radius**2))
-    others: list[FloatArray] = [still]
+    others = _find_common(window, motion, noise, steady)
     for growth in range(_GROWTH + 1):
-        others = _find_others(window, motion, noise, steady) if growth == _GROWTH else others
+        others = _find_others(window, motion, noise, steady, others) if growth == _GROWTH else others
         against, supporting = _vote(window, motion, others, noise)
         believed = steady & _find_believed(against, supporting)
         if growth == _GROWTH or not is_distinct(motion, still):
@@ -113,7 +114,7 @@ def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -
         weights = believed * np.maximum(core, supporting * square * near)
         motion, covariance = window.register(weights.astype(np.float32), noise, motion)
     if not is_distinct(motion, still):
-        others = _find_others(window, motion, noise, steady)
+        others = _find_others(window, motion, noise, steady, others)
         against, supporting = _vote(window, motion, others, noise)
         believed = steady & _find_believed(against, supporting)
     return Belief(motion, covariance, believed, against, supporting & believed, radius, noise)
@@ -155,9 +156,27 @@ def _is_sure(difference: FloatArray, covariance: FloatArray) -> bool:
     return bool(np.mean(squares) > SURE**2)
 
 
-def _find_others(window: Window, motion: FloatArray, noise: Image, steady: BoolArray) -> list[FloatArray]:
-    """Standing still, and motions of blocks that are seen to move otherwise than the point, each (K, 2) [px]."""
-    others = [np.zeros((window.count, 2))]
+def _find_common(window: Window, motion: FloatArray, noise: Image, steady: BoolArray) -> list[FloatArray]:
+    """Standing still; and where nothing does, as in trembling air, what the window does on the whole, each (K, 2) [px].
+
+    The motion of the point's nearest surroundings is known, shape (K, 2) [px].
+    """
+    still = np.zeros((window.count, 2))
+    common, _ = window.register(steady.astype(np.float32), noise, motion)
+    if not (is_distinct(common, motion) and is_distinct(common, still)):
+        return [still]
+    # Two surfaces in one window have a mean motion, too, which is nobody's.
+    _, carried = _vote(window, common, [still, motion], noise)
+    _, stays = _vote(window, still, [common, motion], noise)
+    moves = np.count_nonzero(carried & steady) >= _LAYER_PX > np.count_nonzero(stays & steady)
+    return [still, common] if moves else [still]
+
+
+def _find_others(
+    window: Window, motion: FloatArray, noise: Image, steady: BoolArray, common: list[FloatArray]
+) -> list[FloatArray]:
+    """Those in common, and motions of blocks that are seen to move otherwise than the point, each (K, 2) [px]."""
+    others = list(common)
     for _ in range(_OTHERS):
         known = [motion, *(other for other in others if is_distinct(other, motion))]
         departures = []
