@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, IntArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.core.covariances import edges_across, measured_axes
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.signals.clocks import still_frames
@@ -71,8 +71,8 @@ def include_origin(
 def _compute_variances(tracks: xr.Dataset, axes: FloatArray, static: Sequence[str], frames: int) -> FloatArray:
     """Variance of the origin of one view's points along their measured axes, shape (P, 2) [px2]."""
     names = [str(name) for name in tracks["point"].values]
-    edge = np.isfinite(edges_across(tracks)).all(axis=-1)
-    ok = np.asarray(tracks["status"].values == Status.OK)
+    edge: BoolArray = np.asarray(np.isfinite(edges_across(tracks)).all(axis=-1))
+    ok: BoolArray = np.asarray(tracks["status"].values == Status.OK)
     variance = np.zeros((len(names), 2))
     slow: list[FloatArray] = []
     shown: dict[int, FloatArray] = {}

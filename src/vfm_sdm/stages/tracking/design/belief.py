@@ -163,9 +163,10 @@ def _find_common(window: Window, motion: FloatArray, noise: Image, steady: BoolA
     """
     still = np.zeros((window.count, 2))
     common, _ = window.register(steady.astype(np.float32), noise, motion)
-    if not (is_distinct(common, motion) and is_distinct(common, still)):
+    # Two surfaces in one window have a mean motion, too, which is nobody's: some share of the point's.
+    share = float(np.sum(common * motion) / max(np.sum(motion**2), np.finfo(np.float64).tiny))
+    if not is_distinct(common, np.clip(share, 0, 1) * motion):
         return [still]
-    # Two surfaces in one window have a mean motion, too, which is nobody's.
     _, carried = _vote(window, common, [still, motion], noise)
     _, stays = _vote(window, still, [common, motion], noise)
     moves = np.count_nonzero(carried & steady) >= _LAYER_PX > np.count_nonzero(stays & steady)
