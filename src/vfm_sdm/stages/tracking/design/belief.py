@@ -1,5 +1,6 @@
 """Which pixels around a point move with it: seen in sample frames, from the named place outwards."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,8 @@ class Belief:
         Radius (standard deviation) of the nearest surroundings that show its motion [px].
     noise
         Variance of a softened pixel in one frame, shape (R, R) [squared grey levels].
+    rest
+        Motions that what is behind or beside the point may have: none, and that of the air, shape (K, 2) each [px].
     """
 
     motion: FloatArray
@@ -65,6 +68,7 @@ class Belief:
     supporting: BoolArray
     radius_px: float
     noise: Image
+    rest: Sequence[FloatArray]
 
 
 def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -> Belief:
@@ -103,7 +107,7 @@ def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -
     square = inside[:, None] * inside[None, :]
     motion, covariance, radius = _find_seed(window, noise, steady, start)
     core = np.exp(-window.radius2 / (2 * radius**2))
-    others = _find_common(window, motion, noise, steady)
+    others = rest = _find_common(window, motion, noise, steady)
     for growth in range(_GROWTH + 1):
         others = _find_others(window, motion, noise, steady, others) if growth == _GROWTH else others
         against, supporting = _vote(window, motion, others, noise)
@@ -117,7 +121,7 @@ def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -
         others = _find_others(window, motion, noise, steady, others)
         against, supporting = _vote(window, motion, others, noise)
         believed = steady & _find_believed(against, supporting)
-    return Belief(motion, covariance, believed, against, supporting & believed, radius, noise)
+    return Belief(motion, covariance, believed, against, supporting & believed, radius, noise, rest)
 
 
 def _find_restless(window: Window, noise: Image) -> BoolArray:
