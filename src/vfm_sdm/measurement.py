@@ -33,6 +33,7 @@ from vfm_sdm.stages.camera_motion import CameraMotion, steady_tracks
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.cameras.solve import solve_cameras
 from vfm_sdm.stages.displacement.monocular import measure_planar
+from vfm_sdm.stages.displacement.origin import include_origin
 from vfm_sdm.stages.displacement.result import add_facts, state_uncertainty
 from vfm_sdm.stages.displacement.stereo import compute_displacement
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
@@ -228,7 +229,7 @@ class Measurement(Chain[Session]):
 
     @product(
         reads=(
-            *("view.name", "point.name", "point.pixel", "site.length"),
+            *("view.name", "point.name", "point.pixel", "point.static", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
         needs=("cameras", "injected", "steady", "aligned", "refinement", "unrefined"),
@@ -257,7 +258,7 @@ class Measurement(Chain[Session]):
         stated = state_uncertainty(
             refined,
             self.unrefined,
-            self.aligned,
+            include_origin(self.aligned, [p.name for p in session.point if p.static], method.still_interval_s),
             (rig, self.cameras.frame),
             self.refinement,
             method.sgr.suppressed_axis,

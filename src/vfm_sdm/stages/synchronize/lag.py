@@ -8,7 +8,7 @@ import numpy as np
 from vfm_sdm.core.statuses import ClockStatus, ClockUse
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize.clock_rate import estimate_drift
-from vfm_sdm.stages.synchronize.consensus import Consensus, SearchedLags, find_consensus, tie_limit
+from vfm_sdm.stages.synchronize.consensus import Consensus, SearchedLags, find_consensus, is_tie
 from vfm_sdm.stages.synchronize.search import Group, compute_dependence
 from vfm_sdm.stages.synchronize.signals import Samples, Signal, check_signal, prepare_signal, sampling_rate
 from vfm_sdm.stages.synchronize.subsample import SubsampleLag
@@ -129,8 +129,10 @@ def estimate_lag(
     canonical correlations R. It does not change when either side is mixed or scaled, so that two views of a motion in
     mainly two directions compare without knowing the cameras, and noisy points count less by themselves.
 
-    Two peaks are compared by their mean log generalised residual variance. For residuals of n independent samples in q
-    channels, its difference between two lags scatters by at most 2 sqrt(q / n); three times that makes a peak unique.
+    Peaks are listed by their mean log generalised residual variance. For residuals of n independent samples in q
+    channels, its difference between two lags scatters by at most 2 sqrt(q / n); what is better by three times that has
+    no rival. What is not, is compared with the best peak over the samples that both predict, where they share most of
+    their noise (`SubsampleEstimator.compare`); 2.5 standard deviations make a peak unique.
 
     A lag of whole samples is found first, by Fourier transforms, and then estimated to a fraction of a sample
     (`SubsampleEstimator`). Noise in a weakens M but does not shift the lag. Motion that only one side sees shifts it
@@ -237,12 +239,12 @@ def _search_lags(
 
 def _choose_peak(consensus: Consensus, search: LagSearch) -> tuple[SubsampleLag | None, tuple[float, ...]]:
     """The peak that stands out, by itself or by its start value; and all that are about as good."""
-    estimated, groups = consensus.joint.estimated, consensus.joint.estimator.groups
+    estimated = consensus.joint.estimated
     best = estimated[0]
     tied: list[SubsampleLag] = []
     for fit in estimated:
         known = any(abs(fit.lag_s - other.lag_s) < 3 * max(fit.lag_std_s, other.lag_std_s, 1e-4) for other in tied)
-        if best.dependence - fit.dependence <= tie_limit(best, fit, groups) and not known:
+        if is_tie(consensus.joint.estimator, best, fit) and not known:
             tied.append(fit)
     candidates = tuple(fit.lag_s for fit in tied)
     if len(tied) == 1:
