@@ -87,12 +87,21 @@ def find_defects(values: FloatArray) -> npt.NDArray[np.int8]:
     >>> bool((status[swing < -0.6] == Reading.CLIPPED).all()), int((status == Reading.STUCK).sum())
     (True, 0)
     """
+    if find_held_samples(values) > 1:
+        # Of a sensor that is read too often, what it gave counts, once each.
+        known = np.where(np.isnan(values), np.inf, values)
+        groups = np.concatenate([[0], np.cumsum((known[1:] != known[:-1]).any(axis=1))])
+        once = find_defects(values[np.flatnonzero(np.diff(groups, prepend=-1))])
+        return np.asarray(once[groups])
     status = np.zeros(values.shape, np.int8)
+    absent = np.zeros(len(values), bool)
     for column in range(values.shape[1]):
         series, of_series = values[:, column], status[:, column]
         of_series[np.isnan(series)] = Reading.MISSING
         of_series[np.isinf(series)] = Reading.CLIPPED
-        of_series[_find_placeholders(series)] = Reading.MISSING
+        placeholders = _find_placeholders(series)
+        of_series[placeholders] = Reading.MISSING
+        absent |= placeholders & (series == 0)
         known = of_series == Reading.OK
         if known.sum() < _SHORTEST_PLATEAU or np.ptp(series[known]) == 0:
             continue
@@ -102,6 +111,7 @@ def find_defects(values: FloatArray) -> npt.NDArray[np.int8]:
         for sign in (1.0, -1.0):
             at_limit = _find_clipped(sign * plain, levels, sign)
             of_series[at_limit] = Reading.CLIPPED
+    status[absent[:, None] & (values == 0)] = Reading.MISSING  # zeros of a lost row look like readings near zero
     return status
 
 
@@ -121,7 +131,7 @@ def find_held_samples(values: FloatArray) -> int:
     moving = np.nanmax(values, axis=0) > np.nanmin(values, axis=0) if len(values) else np.array([], bool)
     if not moving.any():
         return 1
-    changes = np.flatnonzero((np.diff(values[:, moving], axis=0) != 0).any(axis=1))
+    changes = np.flatnonzero((values[1:, moving] != values[:-1, moving]).any(axis=1))
     lengths = np.diff(changes)
     if lengths.size < _LEVELS:
         return 1

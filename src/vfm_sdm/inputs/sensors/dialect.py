@@ -32,6 +32,8 @@ _BINARIES = {b"PK\x03\x04": "an Excel workbook or another archive", b"\xd0\xcf\x
 _SEPARATORS = ("\t", ";", "|", None, ",")
 """In the order of preference among those that leave equally many numbers; ``None`` are blanks."""
 
+_WHOLE_AND_PART = 2
+
 _Row = tuple[int, list[str]]
 """Line of the file, counted from 1, and the cells in it."""
 
@@ -111,6 +113,15 @@ def read_table(path: Path | str) -> Table:
     while rows and not any(rows[-1][1]):
         rows.pop()
     first = _first_of_data([row for _, row in rows])
+    if (
+        separator == ","
+        and first
+        and len(rows[first - 1][1]) == 1
+        and all(len(row) == _WHOLE_AND_PART for _, row in rows[first:])
+    ):
+        # One name above two cells: the comma is the decimal mark of the only column.
+        separator, rows = "\0", [(number, [line.strip()]) for number, line in plain]
+        first = _first_of_data([row for _, row in rows])
     if first is None or len(rows) - first < 2:
         raise DatasetError(f"{path}: expected a line of names and at least two samples, got {len(rows)} lines")
     header, units = _find_header([row for _, row in rows[:first]], len(rows[first][1]))
@@ -200,14 +211,19 @@ def _all_numbers(row: Sequence[str]) -> bool:
     return bool(filled) and all(map(_is_number, filled)) and any(c.isdigit() for c in "".join(filled))
 
 
+def _mostly_numbers(row: Sequence[str]) -> bool:
+    return len(row) > 1 and _is_number(row[0]) and 2 * sum(map(_is_number, row)) > len(row)
+
+
 def _first_of_data(rows: Sequence[list[str]]) -> int | None:
     """The first row of nothing but numbers that is as long as those in the middle of the file."""
     middle = max(len(rows) // 2 - _SAMPLE // 2, 0)
-    widths = Counter(len(row) for row in rows[middle : middle + _SAMPLE] if _all_numbers(row))
-    if not widths:
-        return None
-    width = widths.most_common(1)[0][0]
-    return next((n for n, row in enumerate(rows) if len(row) == width and _all_numbers(row)), None)
+    for is_data in (_all_numbers, _mostly_numbers):
+        widths = Counter(len(row) for row in rows[middle : middle + _SAMPLE] if is_data(row))
+        if widths:
+            width = widths.most_common(1)[0][0]
+            return next((n for n, row in enumerate(rows) if len(row) == width and is_data(row)), None)
+    return None
 
 
 def _find_header(above: Sequence[list[str]], width: int) -> tuple[list[str], list[str]]:

@@ -31,6 +31,8 @@ _G = 9.80665
 _MOST_AT_REST_G = 1.5
 """More than gravity and a generous bias: no sensor on a structure reads more on average."""
 _LIKE_G = 0.07
+_COARSE = 0.35
+"""Steps of rounding, as a share of the standard deviation, whose own one, step / sqrt(12), is a tenth of it."""
 _AXES_THAT_HOLD_GRAVITY = 3
 
 
@@ -172,6 +174,7 @@ def name_units(values: FloatArray, sensors: Sequence[str]) -> list[str]:
                 f"{sensor!r} reads {rest:.2f} m/s2 on average, which would be gravity in g: if the file is in g, "
                 "displacement is 9.8 times too small; check --units"
             )
+        sentences += _name_resolution(values[:, number], sensor)
         held = find_held_samples(values[:, number])
         if held > 1:
             sentences.append(
@@ -179,6 +182,22 @@ def name_units(values: FloatArray, sensors: Sequence[str]) -> list[str]:
                 f"rows, and displacement lags by up to {held - 1} of them; record at the sensor's own rate"
             )
     return sentences
+
+
+def _name_resolution(values: FloatArray, sensor: str) -> list[str]:
+    """Axes in which the steps of a sensor's values are coarse beside their scatter."""
+    coarse = []
+    for axis in range(values.shape[1]):
+        series = values[:, axis]
+        steps = np.diff(np.unique(series))
+        if steps.size and steps.min() > _COARSE * float(series.std()):
+            coarse.append(f"{steps.min():.3g}")
+    if not coarse:
+        return []
+    return [
+        f"{sensor!r}: resolution is coarse, steps of {' and '.join(coarse)} m/s2 beside motion hardly larger in "
+        f"{len(coarse)} of {values.shape[1]} axes; use a finer range"
+    ]
 
 
 def name_outliers(outliers: Sequence[Outliers], what: str, rules: OutlierRules) -> list[str]:

@@ -28,6 +28,8 @@ _RATES_AGREE, _BURSTS_AGREE = 1e-3, 2e-2
 _BURSTS_OFF = 0.75
 """Samples by which the first stamp of a burst may be off a straight line: a lost burst puts it off by one at least."""
 _FEWEST_BURSTS = 5
+_BURSTS_FROM = 3.0
+"""Places on the clock for each sample from which on the stamps are rather those of bursts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +117,9 @@ def find_even_clock(
     rows = _without_twins(stamps, values, rows, notes)
     if len(rows) < 2:
         raise DatasetError(f"{table.path}: expected two time stamps or more, got {len(rows)}; check the time column")
-    clock = _from_steps(table, stamps, rows, notes)
+    clock = None
+    if sampling_rate_hz is None or not _only_on_average(stamps[rows], sampling_rate_hz):
+        clock = _from_steps(table, stamps, rows, notes)
     if clock is None:
         clock = _from_bursts(table, stamps, rows, sampling_rate_hz, notes)
     if sampling_rate_hz is not None and abs(clock.rate_hz / sampling_rate_hz - 1) > _RATES_AGREE:
@@ -163,7 +167,7 @@ def _without_twins(stamps: FloatArray, values: FloatArray, rows: IntArray, notes
 
 
 def _equal_rows(values: FloatArray) -> BoolArray:
-    return np.asarray(((np.diff(values, axis=0) == 0) | ~np.isfinite(values[1:])).all(axis=1))
+    return np.asarray(((values[1:] == values[:-1]) | ~np.isfinite(values[1:])).all(axis=1))
 
 
 def _from_steps(table: Table, stamps: FloatArray, rows: IntArray, notes: list[str]) -> EvenClock | None:
@@ -188,6 +192,8 @@ def _from_steps(table: Table, stamps: FloatArray, rows: IntArray, notes: list[st
     place = np.concatenate([[0.0], np.cumsum(np.where(np.abs(steps - whole) <= _IN_PHASE, whole, steps))])
     total = int(np.floor(place[-1] + _IN_PHASE)) + 1
     missing = np.flatnonzero(whole > 1)
+    if total > _BURSTS_FROM * count:
+        return None
     if total - count > MOST_MISSING * total:
         raise DatasetError(
             f"{table.path}: expected samples {_plain(interval)} s apart, got {_plain(intervals[missing[0]])} s before "
@@ -195,6 +201,12 @@ def _from_steps(table: Table, stamps: FloatArray, rows: IntArray, notes: list[st
             f"{total - count} of {total} samples are missing, and a tenth may be"
         )
     return EvenClock(found[0] + np.arange(total) * interval, 1 / interval, rows, place, tuple(notes))
+
+
+def _only_on_average(stamps: FloatArray, rate_hz: float) -> bool:
+    """Whether the stamps have the stated rate on average and another between most samples."""
+    whole, between = (len(stamps) - 1) / max(float(stamps[-1] - stamps[0]), 1e-12), np.median(np.diff(stamps))
+    return bool(abs(whole / rate_hz - 1) <= _BURSTS_AGREE and abs(between * rate_hz - 1) > _UNEVEN)
 
 
 def _plain(interval_s: float) -> str:
@@ -223,16 +235,16 @@ def _from_bursts(
         off = np.abs(starts - (rate * found[starts] + offset))
         if off.max() <= _BURSTS_OFF:
             notes.append(
-                f"time stamps come in bursts, about {size:.3g} samples to a stamp: even stamps at {rate:.6g} Hz are "
-                f"used, and the clock may be off by up to {size / rate:.2g} s"
+                f"time stamps come in bursts, {count - len(starts) - 1} of {count} repeat the one before: even stamps "
+                f"at {rate:.6g} Hz are used, and the clock may be off by up to {size / rate:.2g} s"
             )
             zero = (starts[0] - offset) / rate - starts[0] / rate
             return EvenClock(zero + place / rate, float(rate), rows, place, tuple(notes))
         worst = int(starts[np.argmax(off)])
         raise DatasetError(
             f"{table.path}: expected even time stamps, got bursts of about {size:.3g} samples with one stamp, uneven "
-            f"by {off.max():.3g} samples around row {table.lines[rows[worst]]}, as where samples are lost; cut the file "
-            "there, or state the sensor's rate with --rate where none is"
+            f"by {off.max():.3g} samples around row {table.lines[rows[worst]]}, as where samples are lost; cut the "
+            "file there, or state the sensor's rate with --rate where none is"
         )
     middle = float(np.median(intervals))
     if not middle > 0:
@@ -244,6 +256,6 @@ def _from_bursts(
     raise DatasetError(
         f"{table.path}: expected samples {_plain(middle)} s apart, got {_plain(intervals[odd[0]])} s before row "
         f"{table.lines[rows[odd[0] + 1]]}, and uneven steps in {odd.size / intervals.size:.0%} of all rows: "
-        "stamps of arrival are not those of the samples; state the sensor's rate with --rate where no sample is lost, else "
-        "resample the recording"
+        "stamps of arrival are not those of the samples; state the sensor's rate with --rate where no sample is lost, "
+        "else resample the recording"
     )

@@ -259,10 +259,10 @@ def _find_axes(table: Table, columns: Mapping[str, str] | None) -> tuple[dict[st
         others = [name for n, name in enumerate(table.names) if bare[n] not in STRUCTURE_AXES and n != place]
         if not columns or (others and len(columns) < len(STRUCTURE_AXES)):
             missing = next(axis for axis in STRUCTURE_AXES if axis not in columns)
-            such = [f"--column {axis}={axis!r}" for axis in columns] or [f"--column {missing}={[*others, 'NAME'][0]!r}"]
+            such = [f"--column {axis}={axis!r}" for axis in columns] or [f"--column vertical={[*others, 'NAME'][0]!r}"]
             raise DatasetError(
                 f"{table.path}: expected a column {missing!r}, got {list(table.names)}; name in columns which of them "
-                f"is along which axis, such as {' '.join(such)}"
+                f"is along which axis, such as {' '.join(such)}{''.join(f'; {note}' for note in table.notes)}"
             )
     unknown = sorted(set(columns) - {_TIME, *STRUCTURE_AXES})
     axes = [axis for axis in STRUCTURE_AXES if axis in columns]

@@ -49,6 +49,8 @@ _SLOWEST_HZ, _FASTEST_HZ = 1.0, 3e3
 """Outside, numbers without a unit are no seconds for sure: nobody records a vibration so slowly, and faster than the
 second, they could be minutes of a sensor of 50 Hz."""
 _AGREE = 2e-3
+_SPAN = 64
+"""Samples over which a step is averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,16 +155,13 @@ def _to_seconds(table: Table, column: int, values: FloatArray, *, units: str | N
         for how, factor in factors.items():
             return Stamps(values * factor, notes=(f"{name!r} is read {how}: the stated {rate_hz:g} Hz say so",))
     if step > 0 and not _SLOWEST_HZ < 1 / step < _FASTEST_HZ and rate_hz is None:
-        likely = [
-            f"{1 / (step * factor):.4g} Hz if in {unit}"
-            for unit, factor in TIME_UNITS.items()
-            if _SLOWEST_HZ * 10 <= 1 / (step * factor) <= _FASTEST_HZ
-        ]
+        rates = {unit: 1 / (step * factor) for unit, factor in TIME_UNITS.items()}
+        rates = {unit: rate for unit, rate in rates.items() if _SLOWEST_HZ * 10 <= rate <= _FASTEST_HZ}
+        likely, meant = [f"{rate:.4g} Hz if in {unit}" for unit, rate in rates.items()], next(iter(rates), "ms")
         raise DatasetError(
             f"{table.path}: expected time in seconds, got numbers {step:.6g} apart in column {name!r}, which is "
             f"{1 / step:.4g} Hz ({', or '.join(likely) or 'in no unit a rate of vibrations'}); state the unit beside "
-            f"its name, such as --column 'time={name} in ms' for milliseconds, or, where they number the samples, give "
-            "--rate"
+            f"its name, such as --column 'time={name} in {meant}', or, where they number the samples, give --rate"
         )
     return Stamps(values)
 
@@ -183,11 +182,9 @@ def _count_from_an_epoch(first: str, values: FloatArray, units: str | None, step
 
 
 def _typical_step(values: FloatArray) -> float:
-    """Mean step where steps are rounded or in bursts, the median one where some are far longer."""
-    steps = np.abs(np.diff(values))
-    middle = float(np.median(steps))
-    near = steps[steps < 3 * middle] if middle > 0 else steps
-    return float(np.mean(near)) if near.size else 0.0
+    """Step between samples, whether stamps are rounded, come in bursts or have gaps: the median of means over some."""
+    span = min(_SPAN, len(values) - 1)
+    return abs(float(np.median(values[span:] - values[:-span]))) / span
 
 
 def _read_calendar(table: Table, column: int, cells: list[str]) -> Stamps:

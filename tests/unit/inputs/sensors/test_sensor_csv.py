@@ -122,7 +122,7 @@ def test_other_misuse_is_refused(tmp_path):
     with pytest.raises(DatasetError, match=r"expected columns for some of .* got \['time', 'up'\]"):
         read_acceleration(path, columns={"time": "time", "up": "vertical"})
     with pytest.raises(
-        DatasetError, match=r"expected a column 'lateral', got \['time', 'x'\]; .* --column lateral='x'"
+        DatasetError, match=r"expected a column 'lateral', got \['time', 'x'\]; .* --column vertical='x'"
     ):
         read_reference(write(tmp_path, "time,x\n0,1\n1,2\n", "x.csv"))
     with pytest.raises(DatasetError, match="expected a column '-up'"):
