@@ -172,8 +172,7 @@ def _find_levels(known: FloatArray) -> _Levels:
 
 def _find_stuck(series: FloatArray, step: float) -> BoolArray:
     """Runs of equal values that are too long for chance, and left by a jump."""
-    moves = np.diff(series)
-    equal = moves == 0
+    equal = np.diff(series) == 0
     result = np.zeros(len(series), bool)
     chances = max(int(np.isfinite(series).sum()), 1)
     for run in unbroken_runs(equal):
@@ -183,22 +182,35 @@ def _find_stuck(series: FloatArray, step: float) -> BoolArray:
         reach = max(_NEAR, length)
         before, after = equal[: max(run.start - 1, 0)][-reach:], equal[run.stop + 1 :][:reach]
         usual = max([(side.sum() + 1) / (side.size + 2) for side in (before, after) if side.size], default=1.0)
-        if chances * max(usual, 1 / (_NEAR + 2)) ** length < _IMPROBABLE and _is_left_by_a_jump(moves, run, step):
+        improbable = chances * max(usual, 1 / (_NEAR + 2)) ** length < _IMPROBABLE
+        if improbable and _is_amid_motion(series, run, step) and _is_left_by_a_jump(series, run, step):
             result[run.start : run.stop + 1] = True
     return result
 
 
-def _is_left_by_a_jump(moves: FloatArray, run: slice, step: float) -> bool:
+def _is_amid_motion(series: FloatArray, run: slice, step: float) -> bool:
+    """Whether the signal moved by more than its resolution on either side of a run: it did not in a lull."""
+    reach = 2 * (run.stop - run.start) + _FOLLOWING
+    sides = (series[max(run.start - reach, 0) : run.start], series[run.stop + 1 :][:reach])
+    known = [side[np.isfinite(side)] for side in sides]
+    return all(side.std() > _JUMP_AT_ENDS * step for side in known if side.size)
+
+
+def _is_left_by_a_jump(series: FloatArray, run: slice, step: float) -> bool:
     """Whether the signal was elsewhere when a run of equal values ended; one that begins or ends in rest was not.
 
-    A signal of low resolution leaves a rest by one step. At the beginning of a recording it may leave by more, but not
-    by more than it moves then; at its end, it must have been moving.
+    A signal of low resolution leaves a rest by one step. Where rest is usual, as between impacts and at the beginning
+    of a recording, it may leave by more, but not by more than it moves then; at the end of a recording, it must have
+    been moving.
     """
+    moves = np.diff(series)
     if run.stop >= len(moves):
         return run.start > 0 and bool(abs(moves[run.start - 1]) > _JUMP_AT_ENDS * step)
-    jump = abs(moves[run.stop])
-    if run.start == 0:
+    jump, length = abs(moves[run.stop]), run.stop - run.start
+    at_rest = int((series == series[run.start]).sum()) - length > length
+    if run.start == 0 or at_rest:
         following = np.abs(moves[run.stop + 1 :][:_FOLLOWING])
+        following = following[np.isfinite(following)]
         return following.size > 0 and bool(jump > _JUMP_AT_ENDS * max(step, float(np.max(following))))
     return bool(jump > _JUMP * step)
 
