@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, unbroken_runs
+from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.signals.filters import band_pass, hampel
 
 __all__ = ["HampelUse", "OutlierRules", "Outliers", "find_worth", "treat_outliers"]
@@ -145,13 +145,9 @@ def treat_outliers(values: FloatArray, rules: OutlierRules) -> Outliers:
 
 
 def _find_alone(values: FloatArray, cut: FloatArray, found: BoolArray) -> BoolArray:
-    """Outliers between two samples that lie near the median from which these are far."""
+    """Outliers whose neighbours lie near the median from which they themselves are far."""
     alone = np.zeros_like(found)
-    for run in unbroken_runs(found):
-        if run.stop - run.start > 1:
-            continue
-        middle = values[run.start] - cut[run.start]
-        beside = values[[max(run.start - 1, 0), min(run.stop, len(values) - 1)]] - middle
-        beside = beside[[run.start > 0, run.stop < len(values)]]
-        alone[run] = bool(np.all(np.abs(beside) < _ALONE * abs(cut[run.start])))
+    for at in np.flatnonzero(found):
+        beside = values[[n for n in (at - 1, at + 1) if 0 <= n < len(values)]] - (values[at] - cut[at])
+        alone[at] = bool(np.all(np.abs(beside) < _ALONE * abs(cut[at])))
     return alone
