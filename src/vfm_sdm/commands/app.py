@@ -158,7 +158,7 @@ def displacement(session: _SessionFile, *, output: _Output, whole_files: _WholeF
 
 @app.command
 def reference(
-    *files: Annotated[Path, Parameter(help="CSV files, one a sensor, recorded on one clock.")],
+    *files: Annotated[Path, Parameter(help="CSV files of any usual dialect, one a sensor, on one clock.")],
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="File to write, such as reference.nc.")],
     sensor: Annotated[tuple[str, ...], Parameter(help="Name of the sensor in each file; that of the file else.")] = (),
     column: Annotated[
@@ -175,7 +175,7 @@ def reference(
 ) -> None:
     """Accelerometers' recordings to reference displacement, by the paper's recipe: writes a netCDF file.
 
-    Recordings of displacement (units mm or m) are taken as they are.
+    Recordings of displacement (units mm, m, cm or um) are taken as they are.
     """
     result = read_sensors(
         files,
