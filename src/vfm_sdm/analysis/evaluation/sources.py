@@ -17,6 +17,9 @@ from vfm_sdm.inputs.session import Session, read_session
 
 __all__ = ["evaluate_run", "read_sensors"]
 
+_TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
+"""Suffixes of the files that instruments write as text."""
+
 
 def read_sensors(
     paths: Sequence[Path | str],
@@ -114,7 +117,7 @@ def evaluate_run(
     displacement = read_displacement(folder)
     session_file = Path(folder) / "session.resolved.toml"
     session = read_session(session_file, check_files=False) if session_file.is_file() else None
-    is_csv = Path(reference).suffix.lower() == ".csv"
+    is_csv = Path(reference).suffix.lower() in _TEXT
     known = _read_session_sensor(session, Path(reference)) if is_csv else read_comparison(reference)
     if pairs is None and session is not None:
         pairs = _read_session_pairs(session, displacement, known)

@@ -33,6 +33,7 @@ _SEPARATORS = ("\t", ";", "|", None, ",")
 """In the order of preference among those that leave equally many numbers; ``None`` are blanks."""
 
 _WHOLE_AND_PART = 2
+_FEWEST_ROWS = 2
 
 _Row = tuple[int, list[str]]
 """Line of the file, counted from 1, and the cells in it."""
@@ -122,8 +123,12 @@ def read_table(path: Path | str) -> Table:
         # One name above two cells: the comma is the decimal mark of the only column.
         separator, rows = "\0", [(number, [line.strip()]) for number, line in plain]
         first = _first_of_data([row for _, row in rows])
-    if first is None or len(rows) - first < 2:
-        raise DatasetError(f"{path}: expected a line of names and at least two samples, got {len(rows)} lines")
+    if first is None or len(rows) - first < _FEWEST_ROWS:
+        such = f", such as {plain[-1][1].strip()[:60]!r}, which is not of numbers" if plain and first is None else ""
+        raise DatasetError(
+            f"{path}: expected a line of names and at least two samples, got {len(rows)} lines{such}; export "
+            "numbers alone"
+        )
     header, units = _find_header([row for _, row in rows[:first]], len(rows[first][1]))
     if not header:
         comments = [(n, line) for n, line in lines if line.lstrip().startswith(_COMMENTS) and n < rows[first][0]]
@@ -259,6 +264,9 @@ def _strip_footer(data: list[_Row], header: Sequence[str], notes: list[str]) -> 
     end = len(data)
     while end > 1 and len(data[end - 1][1]) < len(data[0][1]) and not any(map(_is_number, data[end - 1][1])):
         end -= 1
+    if end == len(data) > 1 and len(data[-1][1]) < len(data[-2][1]) and data[-2][1]:
+        notes.append(f"left out: row {data[-1][0]}, the last one, which is cut short")
+        return data[:-1]
     if end < len(data):
         notes.append(f"left out: {len(data) - end} lines of words after the last sample, row {data[end][0]} on")
     return data[:end]
@@ -278,7 +286,7 @@ def _check_rows(path: Path, header: list[str], data: Sequence[_Row], separator: 
                     f"{path}: expected one recording, got a second line of names in row {number}; cut the file there"
                 )
             continue
-        remedy = "separate columns by commas"
+        remedy = "complete the row, or export again with one separator between columns"
         if separator == "," and len(row) > width:
             remedy = (
                 "where commas are decimal marks, too, export with semicolons between columns or with decimal points"

@@ -61,11 +61,15 @@ _OVERLOAD = frozenset(
 _NUMBER = re.compile(
     r"[+\-−]?(?:\d{1,3}(?:[ '’\u00a0\u202f]\d{3})+(?:[.,]\d*)?|\d(?:[\d.,]*\d)?\.?|[.,]\d+)(?:[eEdD][+\-−]?\d+)?"
 )
+_DAY = (
+    r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\.?|\d{1,2}[-/. ][A-Za-z]{3,9}\.?[-/. ,]+\d{2,4}"
+    r"|(?:[A-Za-z]{3,9},? )?[A-Za-z]{3,9}\.? \d{1,2},? \d{4})"
+)
 _CLOCK = re.compile(
-    r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\.?,?[T _]?\s*)?\d{1,2}:\d{2}(?::\d{2})?(?:[.,:]\d+)?"
+    rf"(?:{_DAY},?[T _]?\s*)?\d{{1,2}}:\d{{2}}(?::\d{{2}})?(?:[.,:]\d+)?"
     r"\s*(?:[AaPp]\.?[Mm]\.?)?\s*(?:Z|UTC|GMT|[+-]\d{2}:?\d{2})?"
 )
-_DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}")
+_DATE = re.compile(_DAY)
 _SPACES = str.maketrans("−", "-", " '’\u00a0\u202f")
 _GROUP = 3
 """Digits between two thousands separators."""

@@ -30,6 +30,8 @@ _FEWEST, _BESIDE = 4, 8
 _G = 9.80665
 _MOST_AT_REST_G = 1.5
 """More than gravity and a generous bias: no sensor on a structure reads more on average."""
+_MOST_SCATTER_G = 10.0
+"""Nothing that people walk on shakes like that half of the time."""
 _LIKE_G = 0.07
 _COARSE = 0.35
 """Steps of rounding, as a share of the standard deviation, whose own one, step / sqrt(12), is a tenth of it."""
@@ -168,6 +170,12 @@ def name_units(values: FloatArray, sensors: Sequence[str]) -> list[str]:
                 f"sensor {sensor!r}: expected at most {_MOST_AT_REST_G:g} g on average, gravity included, got "
                 f"{rest / _G:.4g} g, which no sensor at rest reads: the file seems to be in{meant}; state it with "
                 "--units, and calibrate raw counts first"
+            )
+        scatter = float(np.median(np.abs(values[:, number] - np.median(values[:, number], axis=0)), axis=0).max())
+        if scatter > _MOST_SCATTER_G * _G:
+            raise DatasetError(
+                f"sensor {sensor!r}: expected a structure's vibration, got {scatter / _G:.4g} g half of the time: the "
+                "file seems to be in another unit; state it with --units, and calibrate raw counts first"
             )
         if abs(rest - 1) < _LIKE_G and values.shape[2] >= _AXES_THAT_HOLD_GRAVITY:
             sentences.append(

@@ -203,6 +203,16 @@ def _from_steps(table: Table, stamps: FloatArray, rows: IntArray, notes: list[st
     return EvenClock(found[0] + np.arange(total) * interval, 1 / interval, rows, place, tuple(notes))
 
 
+def _fit_bursts(stamps: FloatArray, starts: IntArray, count: int) -> tuple[float, float, FloatArray]:
+    """Rate and offset of the line from stamps to samples, and what is off it: a stamp is of a burst's first or last."""
+    fits = []
+    for samples in (starts, np.append(starts[1:], count) - 1):
+        # The last burst may be cut short.
+        rate, offset = np.polyfit(stamps[:-1], samples[:-1], 1)
+        fits.append((float(rate), float(offset), np.abs(samples - (rate * stamps + offset))[:-1]))
+    return min(fits, key=lambda fit: round(float(fit[2].max()), 2))  # the first where both fit
+
+
 def _only_on_average(stamps: FloatArray, rate_hz: float) -> bool:
     """Whether the stamps have the stated rate on average and another between most samples."""
     whole, between = (len(stamps) - 1) / max(float(stamps[-1] - stamps[0]), 1e-12), np.median(np.diff(stamps))
@@ -231,15 +241,13 @@ def _from_bursts(
     starts = np.flatnonzero(intervals > 0) + 1
     size = count / (len(starts) + 1)
     if len(starts) > _FEWEST_BURSTS and np.any(intervals == 0):
-        rate, offset = np.polyfit(found[starts], starts, 1)
-        off = np.abs(starts - (rate * found[starts] + offset))
+        rate, offset, off = _fit_bursts(found[starts], starts, count)
         if off.max() <= _BURSTS_OFF:
             notes.append(
                 f"time stamps come in bursts, {count - len(starts) - 1} of {count} repeat the one before: even stamps "
                 f"at {rate:.6g} Hz are used, and the clock may be off by up to {size / rate:.2g} s"
             )
-            zero = (starts[0] - offset) / rate - starts[0] / rate
-            return EvenClock(zero + place / rate, float(rate), rows, place, tuple(notes))
+            return EvenClock((place - offset) / rate, float(rate), rows, place, tuple(notes))
         worst = int(starts[np.argmax(off)])
         raise DatasetError(
             f"{table.path}: expected even time stamps, got bursts of about {size:.3g} samples with one stamp, uneven "

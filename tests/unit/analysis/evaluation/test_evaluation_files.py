@@ -236,6 +236,9 @@ def test_the_header_may_state_the_units_instead_of_the_session(run):
     path.write_text(",".join([header.split(",")[0], *[f"{name} (g)" for name in header.split(",")[1:]]]) + "\n" + rest)
     write_run_session(run, sensor=[{"name": "a", "file": "acc-1.csv", "point": "mid"}])
     assert evaluate_run(run, path).row("mid", "vertical").score.skill > 0.99
+    text = path.rename(path.with_suffix(".txt"))
+    write_run_session(run, sensor=[{"name": "a", "file": "acc-1.txt", "point": "mid"}])
+    assert evaluate_run(run, text).row("mid", "vertical").score.skill > 0.99
     gauge = run.parent / "laser.csv"
     gauge.write_text(gauge.read_text().replace("vertical", "vertical [mm]", 1))
     assert "recorded_at_hz" not in read_sensors([gauge]).attrs

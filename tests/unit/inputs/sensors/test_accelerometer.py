@@ -341,6 +341,8 @@ def test_units_that_no_sensor_at_rest_reads_are_refused_or_named():
         compute_reference(dataset(values * 9.80665))
     with pytest.raises(DatasetError, match=r"seems to be in another unit; state it with --units"):
         compute_reference(dataset(values * 1000))
+    with pytest.raises(DatasetError, match=r"expected a structure's vibration, got [\d.]+ g half of the time"):
+        compute_reference(dataset((values - np.median(values, axis=0)) * 1e4))
     (note,) = compute_reference(dataset(values / 9.80665)).attrs["notes"]
     assert "reads 0.99 m/s2 on average, which would be gravity in g" in note
 

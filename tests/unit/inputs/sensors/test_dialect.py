@@ -48,6 +48,7 @@ def commas(separator=";"):
         (["----- Data of a logger -----", "Serial: 12", "Sample Rate,200", "Range,4 g", "", HEADER, *PLAIN], {}),
         (["sep=;", HEADER.replace(",", ";"), *commas()], {}),
         ([HEADER, *PLAIN, "End of data"], {}),
+        ([HEADER, *PLAIN, "0.5,0.1"], {}),
         ([HEADER + ",state", *[row + ",OK" for row in PLAIN]], {}),
         (["Index," + HEADER, *[f"{n},{row}" for n, row in enumerate(PLAIN)]], {}),
         (PLAIN, {"columns": NUMBERED}),
@@ -96,6 +97,8 @@ def test_a_recording_is_the_same_in_every_encoding(tmp_path, encoding, newline):
         (["PK\x03\x04"], "got an Excel workbook or another archive; export the sheet as CSV"),
         (["no numbers here", "none, either"], "expected a line of names and at least two samples, got 2 lines"),
         (["time,vertical,temperature", *PLAIN], "expected 3 cells in row 2, got 4"),
+        ([HEADER, *PLAIN[:50], "0.25,0.1", *PLAIN[51:]], "expected 4 cells in row 52, got 2; complete the row"),
+        ([HEADER, *[row.replace(",", " g,") for row in PLAIN]], r"such as '.* g,.*', which is not of numbers"),
     ],
 )
 def test_what_cannot_be_told_is_refused_with_advice(tmp_path, lines, match):

@@ -24,6 +24,14 @@ def test_bursts_without_loss_become_even(tmp_path):
         assert "time stamps come in bursts" in found.attrs["notes"][0]
 
 
+def test_bursts_of_any_size_become_even_whichever_sample_their_stamp_is_of(tmp_path):
+    edges = np.concatenate([[0], np.cumsum(np.random.default_rng(1).integers(2, 6, len(TIME)))])
+    burst = np.searchsorted(edges, NUMBERS, side="right") - 1
+    for place in (edges[burst], np.minimum(edges[burst + 1] - 1, NUMBERS[-1])):
+        found = read(tmp_path, TIME[place])
+        np.testing.assert_allclose(found["time"].values, TIME, atol=1e-6)
+
+
 def test_stamps_of_whole_seconds_become_even(tmp_path):
     found = read(tmp_path, np.floor(TIME + 0.3), sampling_rate_hz=RATE)
     np.testing.assert_allclose(np.diff(found["time"].values), 1 / RATE)

@@ -27,6 +27,7 @@ def clocks(pattern, cut=-3, start=START):
         ([moment.isoformat(timespec="milliseconds") for moment in MOMENTS], None),
         (clocks("%Y-%m-%d %H:%M:%S.%f"), None),
         (clocks("%d.%m.%Y %H:%M:%S.%f"), None),
+        (clocks("%d-%b-%Y %H:%M:%S.%f"), None),
         ([stamp + " AM" for stamp in clocks("%m/%d/%Y %I:%M:%S.%f")], None),
         (clocks("%H:%M:%S:%f"), None),
         (clocks("%M:%S.%f"), None),
