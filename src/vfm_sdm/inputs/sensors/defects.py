@@ -28,6 +28,9 @@ _STEPS_OF_BULGE = 3.0
 _TOUCHES, _TIMES_OTHERS, _LEVELS = 6, 6.0, 10
 """Samples at the outermost value, and how many times as many as at each of the next values. The outermost step of a
 rounded sine holds 1 / (sqrt(11) - 1) * 10 = 4.3 times as many as the ten next ones."""
+_NOISY_RAIL, _LONG_PLATEAU, _FEWEST_NOISY = 0.02, 4, 2
+"""Share of the largest excursion within which tops are flat although there is noise on them, the samples that such a
+top has at least, and how many such tops there must be."""
 _IMPROBABLE = 1e-3
 """Expected number of runs of equal values as long, by chance, in the whole recording."""
 _NEAR = 200
@@ -68,7 +71,8 @@ def find_defects(values: FloatArray) -> npt.NDArray[np.int8]:
     signal went on by more than three steps of the resolution: with the step d_m to the m-th sample beside a plateau of
     n, a parabola has the curvature c = d_m / (2 h m + m^2), h = (n - 1) / 2, and passes c h^2 above it. Or the
     outermost value is hit six times, and six times as often as each of the ten next to it: a peak-up that no vibration
-    has. Then every sample with that value counts.
+    has. Then every sample with that value counts. Of a limit with noise on it the same holds with 2 % of the largest
+    excursion for the step of resolution, twice, if at least two tops of four samples or more say so.
 
     *Stuck*: a run of equal values of which fewer than one in a thousand recordings holds one by chance, given how often
     neighbours are equal around it, and that ends in a jump. So a sensor of low resolution is not stuck where it rests.
@@ -226,6 +230,13 @@ def _find_clipped(series: FloatArray, levels: _Levels, sign: float) -> BoolArray
     )
     if piled or any(_is_cut(series, run, levels.step) for run in unbroken_runs(at_top)):
         return np.asarray(at_top)
+    # A rail with noise on it: flat within a tolerance, for which the same holds as for a step of resolution.
+    noise = _NOISY_RAIL * float(np.nanmax(np.abs(series - np.nanmedian(series))))
+    near_top = series >= top - noise
+    tops = [run for run in unbroken_runs(near_top) if run.stop - run.start >= _LONG_PLATEAU]
+    fine = levels.step < noise / _LEVELS  # a rounded peak is as flat as its steps
+    if fine and sum(_is_cut(series, run, 2 * noise) for run in tops) >= _FEWEST_NOISY:
+        return np.asarray(near_top)
     return np.zeros(len(series), bool)
 
 

@@ -52,6 +52,15 @@ def test_clipped_samples_are_found(limits, step):
     assert not found[np.abs(series - np.clip(series, limits[0] + 0.02, limits[1] - 0.02)) == 0].any()
 
 
+def test_a_limit_with_noise_on_it_is_found():
+    series = lively(2.7)
+    noisy = np.clip(series, -9, 0.6) + RNG.normal(0, 1e-3, len(series))
+    found = find_defects(noisy[:, None])[:, 0]
+    assert np.mean(found[series > 0.62] == Reading.CLIPPED) > 0.9
+    assert not found[series < 0.58].any()
+    assert not find_defects((series + RNG.normal(0, 1e-3, len(series)))[:, None]).any()
+
+
 def test_short_touches_of_the_limit_are_clipped_too():
     time_s = np.arange(6000) / 200
     struck = RNG.normal(0, 1e-3, 6000)
