@@ -29,6 +29,7 @@ from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions
 from vfm_sdm.core.progress import Progress as Callback
 from vfm_sdm.core.registry import find
+from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.errors import DatasetError, VfmSdmError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
@@ -158,22 +159,24 @@ def displacement(session: _SessionFile, *, output: _Output, whole_files: _WholeF
 
 @app.command
 def reference(
-    *files: Annotated[Path, Parameter(help="CSV files, one a sensor, recorded on one clock.")],
+    *files: Annotated[Path, Parameter(help="CSV files of any usual dialect, one a sensor, on one clock.")],
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="File to write, such as reference.nc.")],
     sensor: Annotated[tuple[str, ...], Parameter(help="Name of the sensor in each file; that of the file else.")] = (),
     column: Annotated[
         tuple[str, ...],
         Parameter(
-            help="Which column holds what, such as vertical=-az or time=t; again for each. A - reverses the sign."
+            help="Which column holds what, such as vertical=-az or 'time=t in ms'; again for each. - reverses the sign."
         ),
     ] = (),
-    units: Annotated[Literal["g", "m/s2", "mm", "m"], Parameter(help="Of the files' values.")] = "g",
+    units: Annotated[
+        SensorUnits | None, Parameter(help="Of the files' values; those of their header else, and g where it has none.")
+    ] = None,
     rate: Annotated[float | None, Parameter(help="Samples a second, for files without a time column.")] = None,
     recipe: RecipeOptions = _RECIPE,
 ) -> None:
     """Accelerometers' recordings to reference displacement, by the paper's recipe: writes a netCDF file.
 
-    Recordings of displacement (units mm or m) are taken as they are.
+    Recordings of displacement (units mm, m, cm or um) are taken as they are.
     """
     result = read_sensors(
         files,
@@ -184,6 +187,7 @@ def reference(
         settings=recipe.settings(),
     )
     _out.print(reports.reference_table(result))
+    _note(result.attrs.get("notes", ()))
     _say(f"written: {write_reference(output, result)}")
 
 
@@ -209,8 +213,7 @@ def evaluate(
         clock=clock.settings(),
     )
     _out.print(reports.evaluation_table(result))
-    for note in result.notes:
-        _out.print(f"note: {note}", style="yellow", highlight=False)
+    _note(result.notes)
     _say(f"written: {write_evaluation(run, result)}")
     if not result.scored_rows:
         _fail(f"no figures: {result.notes[-1]}")
@@ -292,6 +295,12 @@ def _forecast(output: Path) -> Callable[[Mapping[str, xr.Dataset]], None] | None
 def _say(line: str) -> None:
     """Prints a line as it is: the terminal's edge breaks no path."""
     _out.print(line, highlight=False, soft_wrap=True)
+
+
+def _note(notes: Sequence[str]) -> None:
+    """Prints what a reader must know."""
+    for note in notes:
+        _out.print(f"note: {note}", style="yellow", highlight=False)
 
 
 def _fail(reason: str) -> NoReturn:

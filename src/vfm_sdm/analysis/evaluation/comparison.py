@@ -160,6 +160,7 @@ def evaluate(
         )
     places = reference["displacement"].rename({"sensor" if against_sensors else "point": "place"})
     chosen_axes, notes = _choose_axes(displacement, places, axes)
+    notes += [f"reference: {note}" for note in reference.attrs.get("notes", ()) if against_sensors]
     places = places.sel(axis=chosen_axes)
     chosen = _choose_pairs(displacement, places, pairs)
     band = _choose_band(reference, band_hz, notes)

@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.method import Method, table_paths
@@ -144,8 +145,8 @@ class Sensor(Entry):
     point: Name | None = None
     columns: dict[Literal["time", "lateral", "vertical", "longitudinal"], Name] = Field(default_factory=dict)
     """Column of the file for ``time`` and for each axis; a leading ``-`` before an axis' column reverses its sign."""
-    units: Literal["g", "m/s2", "mm", "m"] | None = None
-    """Acceleration (``g``, ``m/s2``) or displacement (``mm``, ``m``)."""
+    units: SensorUnits | None = None
+    """Of acceleration or of displacement; those that the file's header states when left out."""
     sampling_rate_hz: Positive | None = None
     start: _Start | None = None
     """When the first sample was taken, with its offset from UTC."""

@@ -531,7 +531,7 @@ FAULTS = {
     ),
     "units of a sensor": (
         {"sensor": [{"name": "s", "file": "a.csv", "units": "ft"}]},
-        r"sensor\[s\].units: expected 'g', 'm/s2', 'mm' or 'm', got 'ft'",
+        r"sensor\[s\].units: expected 'g', 'mg', 'm/s2', .* 'cm' or 'um', got 'ft'",
     ),
     "column of no axis": (
         {"sensor": [{"name": "s", "file": "a.csv", "columns": {"up": "z"}}]},
