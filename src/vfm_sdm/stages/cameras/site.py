@@ -29,6 +29,9 @@ _DISAGREEMENT_STD = 3.0
 _CONTRADICTED_STD = 5.0
 """Residual over its own standard deviation from which a reading is contradicted. Baarda's 3.3 is for observations whose
 weights are known exactly; those of matches are not."""
+_WEIGHINGS = 4
+_SETTLED = 1.02
+"""Errors of matches over their assumed standard deviation up to which a new weighing would change nothing."""
 _LEAST_REDUNDANCY = 0.01
 """Share of a reading that the others must check."""
 _DETERMINED = 0.9
@@ -178,7 +181,9 @@ def adjust_to_site(
     """
     problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
     solution = _minimize_residuals(problem, np.zeros(problem.size))
-    if problem.cell_rms(solution.x) > problem.match_std_px:
+    for _ in range(_WEIGHINGS):
+        if not problem.cell_rms(solution.x) > _SETTLED * problem.match_std_px:
+            break
         # The errors of the camera model exceed the assumed standard deviation: the matches get less weight.
         problem.match_std_px = problem.cell_rms(solution.x)
         solution = _minimize_residuals(problem, solution.x)

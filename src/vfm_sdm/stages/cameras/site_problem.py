@@ -257,6 +257,9 @@ class SiteProblem:
 
         Notes
         -----
+        What a few cells tell of their common standard deviation is uncertain itself: parameters adjusted with it have
+        Student's distribution, whose variance is larger by ``f / (f - 2)`` with f the degrees of freedom.
+
         The shared error of a cell is the median of the epipolar errors of its matches, and for points that several
         views see the median of their reprojection errors.
         """
@@ -276,7 +279,7 @@ class SiteProblem:
             shifts = [np.nanmedian(errors[shared.cell == cell], axis=0) for cell in np.unique(shared.cell)]
             squares += float(np.sum(np.square(shifts)))
             free += shared.points.constraints * len(shifts)
-        return float(np.sqrt(squares / free)) if free > _POSE_PARAMETERS else float("nan")
+        return float(np.sqrt(squares / (free - 2))) if free > _POSE_PARAMETERS else float("nan")
 
     def _list_distances(self, rig: Rig) -> list[AdjustedValue]:
         """Distances of the third and further cameras from the reference camera; that of the second is the baseline."""
