@@ -29,9 +29,6 @@ _DISAGREEMENT_STD = 3.0
 _CONTRADICTED_STD = 5.0
 """Residual over its own standard deviation from which a reading is contradicted. Baarda's 3.3 is for observations whose
 weights are known exactly; those of matches are not."""
-_WEIGHINGS = 4
-_SETTLED = 1.02
-"""Errors of matches over their assumed standard deviation up to which a new weighing would change nothing."""
 _LEAST_REDUNDANCY = 0.01
 """Share of a reading that the others must check."""
 _DETERMINED = 0.9
@@ -181,11 +178,11 @@ def adjust_to_site(
     """
     problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
     solution = _minimize_residuals(problem, np.zeros(problem.size))
-    for _ in range(_WEIGHINGS):
-        if not problem.cell_rms(solution.x) > _SETTLED * problem.match_std_px:
-            break
-        # The errors of the camera model exceed the assumed standard deviation: the matches get less weight.
-        problem.match_std_px = problem.cell_rms(solution.x)
+    cell_std_px = problem.cell_std(solution.x, np.asarray(solution.jac))
+    if cell_std_px > problem.match_std_px:
+        # The errors of the camera model exceed the assumed standard deviation: the matches get less weight. Once only:
+        # loosened further and further, they would agree with any reading.
+        problem.match_std_px = cell_std_px
         solution = _minimize_residuals(problem, solution.x)
     # Every parameter has a prior of unit weight, so the normal matrix is never singular.
     jacobian = np.asarray(solution.jac)

@@ -1,17 +1,17 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import cholesky
 
-from vfm_sdm.core.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.geometry.triangulation import sampson_error, triangulate
 from vfm_sdm.inputs.session import Readings, Site
-from vfm_sdm.stages.cameras.match_cells import group_matches, group_points
+from vfm_sdm.stages.cameras.match_cells import CellMatches, group_matches, group_points
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.matching.matches import Matches
@@ -23,8 +23,6 @@ DISTANCE = "distance"
 MATCH_STD_PX = 0.25
 """Least standard deviation of the epipolar error that the matches of a cell share [px]: feature localisation and errors
 of the camera model, which are alike for neighbours. It is enlarged when the residuals are larger."""
-_POSE_PARAMETERS = 7
-"""Largest number of parameters of the epipolar geometry of two views."""
 _RIGS_KEPT = 64
 _ROBUST_STD = 3.0
 _NORMAL = 1.4826
@@ -238,48 +236,58 @@ class SiteProblem:
         rms
             Error [px]; NaN without matches.
         """
-        rig = self.rig(z)
-        errors = [_compute_epipolar_error(group.matches, rig) for group in self._cells]
+        errors = [one for _, one in _list_epipolar_errors(self._cells, self.rig(z))]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else float("nan")
 
-    def cell_rms(self, z: FloatArray) -> float:
-        """Root mean square over the cells of the error that the matches of a cell share.
+    def cell_std(self, z: FloatArray, jacobian: FloatArray) -> float:
+        """Standard deviation of the error that the matches of a cell share.
 
         Parameters
         ----------
         z
-            Whitened parameters, shape (M,).
+            Whitened parameters of a solution, shape (M,).
+        jacobian
+            Derivative of the residuals there, shape (M + R, M) [1].
 
         Returns
         -------
-        rms
-            Error, corrected for the number of fitted parameters [px]; NaN with hardly more cells than parameters.
+        std
+            Standard deviation [px]; NaN where hardly more cells than fitted parameters tell it.
 
         Notes
         -----
-        What a few cells tell of their common standard deviation is uncertain itself: parameters adjusted with it have
-        Student's distribution, whose variance is larger by ``f / (f - 2)`` with f the degrees of freedom.
-
         The shared error of a cell is the median of the epipolar errors of its matches, and for points that several
-        views see the median of their reprojection errors.
+        views see the median of their reprojection errors. What their sum of squares is divided by is the redundancy f
+        of the cells: their number less the trace of their part of the hat matrix, which says how far the parameters
+        follow them [1]_. A standard deviation from a few cells is uncertain itself: parameters adjusted with it have
+        Student's distribution, whose variance is larger by ``f / (f - 2)``.
+
+        References
+        ----------
+        .. [1] Förstner, W. (1979). Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten. Allgemeine
+           Vermessungs-Nachrichten 86, 446-453.
         """
         rig = self.rig(z)
-        squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
-        for group in self._pairs:
-            if group.matches.std_px:
-                continue
-            error = _compute_epipolar_error(group.matches, rig)
-            means = np.array([np.median(error[group.cell == cell]) for cell in np.unique(group.cell)])
-            # Wrong matches must not make the right ones count less.
-            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(means)))
-            squares += float(np.sum(np.square(np.clip(means, -limit, limit))))
-            free += len(means)
+        squares, count, rows = 0.0, 0, []
+        for group, errors in _list_epipolar_errors(self._pairs, rig):
+            features = not group.matches.std_px
+            rows += len(errors) * [features]
+            if features:
+                medians = _cell_medians(errors, group.cell)
+                # Wrong matches must not make the right ones count less.
+                limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
+                squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
+                count += len(medians)
         for shared in self._shared:
             errors = shared.points.errors(rig)
-            shifts = [np.nanmedian(errors[shared.cell == cell], axis=0) for cell in np.unique(shared.cell)]
-            squares += float(np.sum(np.square(shifts)))
-            free += shared.points.constraints * len(shifts)
-        return float(np.sqrt(squares / (free - 2))) if free > _POSE_PARAMETERS else float("nan")
+            rows += errors.size * [True]
+            medians = _cell_medians(errors, shared.cell)
+            squares += float(np.sum(np.square(medians)))
+            count += shared.points.constraints * len(medians)
+        part = jacobian[self.size : self.size + len(rows)][np.array(rows, dtype=np.bool_)]
+        followed = float(np.einsum("ri,ij,rj->", part, np.linalg.inv(jacobian.T @ jacobian), part))
+        free = count - followed - 2
+        return float(np.sqrt(squares / free)) if free > 0 else float("nan")
 
     def _list_distances(self, rig: Rig) -> list[AdjustedValue]:
         """Distances of the third and further cameras from the reference camera; that of the second is the baseline."""
@@ -379,12 +387,11 @@ class SiteProblem:
 
     def _compute_match_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the matches of pairs of views."""
-        rig = self.rig(z)
-        parts = [np.empty(0)]
-        for group in self._pairs:
-            error = _compute_epipolar_error(group.matches, rig)
-            parts.append(_bend(error / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight)
-        return np.concatenate(parts)
+        parts = [
+            _bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
+            for group, errors in _list_epipolar_errors(self._pairs, self.rig(z))
+        ]
+        return np.concatenate([np.empty(0), *parts])
 
     def _compute_shared_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the points that three views or more see."""
@@ -452,6 +459,13 @@ def _factor_prior(covariance: FloatArray) -> FloatArray:
     return factor
 
 
-def _compute_epipolar_error(m: Matches, rig: Rig) -> FloatArray:
-    """Sampson error of each match, shape (N,) [px]."""
-    return sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
+def _list_epipolar_errors(groups: Sequence[CellMatches], rig: Rig) -> Iterator[tuple[CellMatches, FloatArray]]:
+    """Groups of matches with the Sampson error of each match, shape (N,) [px]."""
+    for group in groups:
+        m = group.matches
+        yield group, sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
+
+
+def _cell_medians(errors: FloatArray, cell: IntArray) -> FloatArray:
+    """Median of the errors (N, ...) of each cell, shape (cells, ...)."""
+    return np.array([np.nanmedian(errors[cell == one], axis=0) for one in np.unique(cell)])
