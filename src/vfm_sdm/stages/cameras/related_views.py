@@ -11,7 +11,7 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Readings, Session, quiet_frames
-from vfm_sdm.stages.cameras.face_poses import Face, PoseOnFace, propose_poses
+from vfm_sdm.stages.cameras.face_poses import PoseOnFace, propose_poses
 from vfm_sdm.stages.cameras.relative_pose import (
     Agreement,
     chance_agreement,
@@ -22,6 +22,7 @@ from vfm_sdm.stages.cameras.relative_pose import (
 )
 from vfm_sdm.stages.matching.base import FeatureMatcher
 from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
+from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import NAMED_STD_PX, named_points
