@@ -178,7 +178,7 @@ def adjust_to_site(
     """
     problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
     solution = _minimize_residuals(problem, np.zeros(problem.size))
-    cell_std_px = problem.cell_std(solution.x, np.asarray(solution.jac))
+    cell_std_px = problem.cell_std(solution.x)
     if cell_std_px > problem.match_std_px:
         # The errors of the camera model exceed the assumed standard deviation: the matches get less weight. Once only:
         # loosened further and further, they would agree with any reading.

@@ -23,6 +23,8 @@ DISTANCE = "distance"
 MATCH_STD_PX = 0.25
 """Least standard deviation of the epipolar error that the matches of a cell share [px]: feature localisation and errors
 of the camera model, which are alike for neighbours. It is enlarged when the residuals are larger."""
+_POSE_PARAMETERS = 7
+"""Largest number of parameters of the epipolar geometry of two views."""
 _RIGS_KEPT = 64
 _ROBUST_STD = 3.0
 _NORMAL = 1.4826
@@ -239,55 +241,41 @@ class SiteProblem:
         errors = [one for _, one in _list_epipolar_errors(self._cells, self.rig(z))]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else float("nan")
 
-    def cell_std(self, z: FloatArray, jacobian: FloatArray) -> float:
+    def cell_std(self, z: FloatArray) -> float:
         """Standard deviation of the error that the matches of a cell share.
 
         Parameters
         ----------
         z
             Whitened parameters of a solution, shape (M,).
-        jacobian
-            Derivative of the residuals there, shape (M + R, M) [1].
 
         Returns
         -------
         std
-            Standard deviation [px]; NaN where hardly more cells than fitted parameters tell it.
+            Standard deviation [px]; NaN with hardly more cells than parameters.
 
         Notes
         -----
         The shared error of a cell is the median of the epipolar errors of its matches, and for points that several
-        views see the median of their reprojection errors. What their sum of squares is divided by is the redundancy f
-        of the cells: their number less the trace of their part of the hat matrix, which says how far the parameters
-        follow them [1]_. A standard deviation from a few cells is uncertain itself: parameters adjusted with it have
-        Student's distribution, whose variance is larger by ``f / (f - 2)``.
-
-        References
-        ----------
-        .. [1] Förstner, W. (1979). Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten. Allgemeine
-           Vermessungs-Nachrichten 86, 446-453.
+        views see the median of their reprojection errors. A standard deviation from a few cells is uncertain itself:
+        parameters adjusted with it have Student's distribution, whose variance is larger by ``f / (f - 2)`` with f the
+        number of cells less that of fitted parameters.
         """
         rig = self.rig(z)
-        squares, count, rows = 0.0, 0, []
+        squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
         for group, errors in _list_epipolar_errors(self._pairs, rig):
-            features = not group.matches.std_px
-            rows += len(errors) * [features]
-            if features:
-                medians = _cell_medians(errors, group.cell)
-                # Wrong matches must not make the right ones count less.
-                limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
-                squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
-                count += len(medians)
+            if group.matches.std_px:
+                continue
+            medians = _cell_medians(errors, group.cell)
+            # Wrong matches must not make the right ones count less.
+            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
+            squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
+            free += len(medians)
         for shared in self._shared:
-            errors = shared.points.errors(rig)
-            rows += errors.size * [True]
-            medians = _cell_medians(errors, shared.cell)
+            medians = _cell_medians(shared.points.errors(rig), shared.cell)
             squares += float(np.sum(np.square(medians)))
-            count += shared.points.constraints * len(medians)
-        part = jacobian[self.size : self.size + len(rows)][np.array(rows, dtype=np.bool_)]
-        followed = float(np.einsum("ri,ij,rj->", part, np.linalg.inv(jacobian.T @ jacobian), part))
-        free = count - followed - 2
-        return float(np.sqrt(squares / free)) if free > 0 else float("nan")
+            free += shared.points.constraints * len(medians)
+        return float(np.sqrt(squares / (free - 2))) if free > _POSE_PARAMETERS else float("nan")
 
     def _list_distances(self, rig: Rig) -> list[AdjustedValue]:
         """Distances of the third and further cameras from the reference camera; that of the second is the baseline."""
