@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
@@ -175,9 +176,10 @@ class AuditInputs:
     @property
     def moving(self) -> list[str]:
         """Names of the points on the structure, without those that were refused before tracking."""
-        return [p.name for p in self.session.point if not (p.static or p.name in self.refused)]
+        refused = self.refused
+        return [p.name for p in self.session.point if not (p.static or p.name in refused)]
 
-    @property
+    @cached_property
     def refused(self) -> dict[str, str]:
         """Points that were known before tracking not to be measured, and why: fewer than two views have them."""
         needed = min(2, len(self.session.view))

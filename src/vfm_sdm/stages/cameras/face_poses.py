@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.inputs.session import Readings
-from vfm_sdm.stages.cameras.relative_pose import count_places
+from vfm_sdm.stages.cameras.face_votes import Integers, count_votes
+from vfm_sdm.stages.cameras.relative_pose import count_places, number_cells
 from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.matches import Matches
 
@@ -94,11 +95,12 @@ def propose_poses(
         return []
     voters = np.flatnonzero(ground.usable)
     voters = voters[np.linspace(0, len(voters) - 1, min(len(voters), _VOTERS)).astype(int)]
+    cells = number_cells(matches, cameras)
     tried, votes = [], []
     for centre in _list_centres(face, baseline_m, readings):
         poses = np.array(list(_turn_to(ground, centre, voters, readings)))
         if poses.size:
-            votes.append(count_places(ground.agree(_rotations(poses), centre, _TOLERANCE), matches, cameras))
+            votes.append(ground.count_votes(_rotations(poses), centre, _TOLERANCE, cells))
             tried.append(np.column_stack([poses, np.tile(centre, (len(poses), 1))]))
     if not tried:
         return []
@@ -165,6 +167,15 @@ class _Ground:
         across, along, length = self.errors(rotations, centre)
         limit = tolerance * self.long_side_px
         return np.asarray((np.abs(across) < limit) & (np.abs(along) < np.hypot(limit, 2 * np.minimum(length, 1e6))))
+
+    def count_votes(
+        self, rotations: FloatArray, centre: FloatArray, tolerance: float, cells: tuple[Integers, Integers]
+    ) -> IntArray:
+        """Places in the images, with these numbers of cells, where matches `agree`, shape (K,)."""
+        places = np.zeros(len(rotations), np.int64)
+        points = self.near - centre, self.far - centre, np.ascontiguousarray(self.rays[:, :2])
+        count_votes(rotations, points, (self.focal_px, tolerance * self.long_side_px), cells, places)
+        return places
 
 
 def _list_centres(face: Face, baseline_m: float, readings: Readings) -> Iterator[FloatArray]:

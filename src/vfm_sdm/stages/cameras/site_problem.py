@@ -77,6 +77,7 @@ class SiteProblem:
             raise CameraError("site adjustment: expected a rig with a prior covariance, got none; state the priors")
         self._start = rig
         self._rigs: dict[bytes, Rig] = {}
+        self._face_points: tuple[bytes, list[FloatArray]] = (b"", [])
         self._site = site
         self._readings = dict(readings)
         self._face = [name for name, point in points.items() if point.on_face]
@@ -91,6 +92,7 @@ class SiteProblem:
         self._shared = [group_points(points, rig.cameras[points.views[0]].image_size) for points in shared]
         # Of the cells' few matches on the face; one cell is one place of it, as of the epipolar errors.
         self._on_face = [group for group in self._cells if group.matches.on_face.any()] if self.has_axes else []
+        self._face_matches = [group.matches.chosen(group.matches.on_face) for group in self._on_face]
         self.match_std_px = MATCH_STD_PX
         self._factor = _factor_prior(rig.covariance)
         self._rig_size = self._factor.shape[1]
@@ -362,16 +364,25 @@ class SiteProblem:
         lateral_axis = self.structure_rotation(z)[0]
         _, _, perpendicular, _, offset, lean = self._get_extra(z)
         parts = [np.empty(0)]
-        for group in self._on_face:
-            m = group.matches.chosen(group.matches.on_face)
-            pair = Rig(("first", "second"), (rig.cameras[m.first], rig.cameras[m.second]))
-            lateral = triangulate(np.stack([m.points_first, m.points_second]), pair) @ lateral_axis
+        for group, m, points3d in zip(self._on_face, self._face_matches, self._triangulate_face(z, rig), strict=True):
+            lateral = points3d @ lateral_axis
             # What lies on a face is stepped along its height: an edge beam above, a girder behind it below.
             height = rig.cameras[m.first].image_size[1] / 2
             shift = offset + lean * (m.points_first[:, 1] / height - 1)
             scaled = (lateral - perpendicular - shift) / self._site.face_offset_std
             parts.append(_bend(scaled) * group.weight[group.matches.on_face])
         return np.concatenate(parts)
+
+    def _triangulate_face(self, z: FloatArray, rig: Rig) -> list[FloatArray]:
+        """Points of the matches on the face, shape (N, 3) each; they move with the parameters of the rig alone."""
+        key = z[: self._rig_size].tobytes()
+        if self._face_points[0] != key:
+            found = []
+            for m in self._face_matches:
+                pair = Rig(("first", "second"), (rig.cameras[m.first], rig.cameras[m.second]))
+                found.append(triangulate(np.stack([m.points_first, m.points_second]), pair))
+            self._face_points = (key, found)
+        return self._face_points[1]
 
     def _compute_match_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the matches of pairs of views."""

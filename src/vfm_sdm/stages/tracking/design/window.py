@@ -116,7 +116,7 @@ class Window:
         for frame in range(self.count):
             best: Image | None = None
             trial = further[frame].copy()
-            for _ in range(_LOCAL_ITERATIONS):
+            for iteration in range(_LOCAL_ITERATIONS):
                 at = columns + trial[0] + np.float32(motion[frame, 0]), rows + trial[1] + np.float32(motion[frame, 1])
                 sampled = cv2.remap(self.soft[frame + 1], *at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
                 error = sampled - self.soft[0]
@@ -124,6 +124,8 @@ class Window:
                 better = np.ones(gu.shape, np.bool_) if best is None else misfit < best
                 best = misfit if best is None else np.minimum(misfit, best)
                 further[frame] = np.where(better, trial, further[frame])
+                if iteration == _LOCAL_ITERATIONS - 1:
+                    break
                 bu, bv = local_mean(gu * error), local_mean(gv * error)
                 trial = (
                     further[frame]
