@@ -125,7 +125,7 @@ def expect_on_face(
         for sign in (-1, 1)
     ]
     half = np.where(on_face[:, None], (along[1] - along[0]) / 2, 0.0)
-    relief = half / face.offset_std * _pixel_size(points2d, first, face)[:, None]
+    relief = half / face.offset_std_m * _pixel_size(points2d, first, face)[:, None]
     for number in np.flatnonzero(~on_face):
         position[number], half[number] = _line_part(points2d[number], first, second, face)
     # What the second camera cannot see is expected where its picture is not.
@@ -142,8 +142,9 @@ def expect_on_face(
 def _pixel_size(points2d: FloatArray, camera: Camera, face: Face) -> FloatArray:
     """What a pixel of a camera shows of something on the face that faces it, shape (P,) [unit of length a pixel]."""
     normal = face.frame.rotation[0]
-    beside = [np.concatenate([camera.normalize(points2d + step), np.ones((len(points2d), 1))], axis=1) for step in _STEPS]
-    reach = (face.distance - normal @ camera.center) / (beside[0] @ camera.rotation @ normal)
+    ones = np.ones((len(points2d), 1))
+    beside = [np.concatenate([camera.normalize(points2d + step), ones], axis=1) for step in _STEPS]
+    reach = (face.distance_m - normal @ camera.center) / (beside[0] @ camera.rotation @ normal)
     return np.asarray(np.abs(reach) * np.linalg.norm(beside[1] - beside[0], axis=1))
 
 
