@@ -15,6 +15,7 @@ __all__ = [
     "chance_agreement",
     "count_places",
     "estimate_relative_pose",
+    "halve_matches",
     "measure_agreement",
     "number_cells",
 ]
@@ -79,6 +80,41 @@ class Agreement:
     support: float
     std: float
     share: float
+
+
+def halve_matches(matches: Matches, cameras: tuple[Camera, Camera], splits: int) -> list[BoolArray]:
+    """Random halves of the places in the first image, with all their matches.
+
+    Parameters
+    ----------
+    matches
+        N matches [px].
+    cameras
+        Cameras of the two views, for the sizes of their images.
+    splits
+        Number of ways of halving.
+
+    Returns
+    -------
+    halves
+        Which matches are in the one half, shape (N,) each; the others are in the other half.
+
+    Notes
+    -----
+    Matches of one place repeat each other, so that halves of matches would not be independent.
+
+    Examples
+    --------
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> pixels = [[10.0, 9.0], [12.0, 9.0], [600.0, 9.0]]
+    >>> [half] = halve_matches(Matches(0, 1, pixels, pixels), (camera, camera), 1)
+    >>> bool(half[0] == half[1]), bool(half[0] == half[2])
+    (True, False)
+    """
+    member = _cell_members(matches, cameras)[0]
+    rng = np.random.default_rng(0)
+    cells = member.shape[1]
+    return [member[:, rng.permutation(cells)[: cells // 2]].sum(axis=1) > 0 for _ in range(splits)]
 
 
 def measure_agreement(agree: BoolArray, matches: Matches, cameras: tuple[Camera, Camera]) -> Agreement:

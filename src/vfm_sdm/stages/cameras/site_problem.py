@@ -1,17 +1,17 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import cholesky
 
-from vfm_sdm.core.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.geometry.triangulation import sampson_error, triangulate
 from vfm_sdm.inputs.session import Readings, Site
-from vfm_sdm.stages.cameras.match_cells import group_matches, group_points
+from vfm_sdm.stages.cameras.match_cells import CellMatches, group_matches, group_points
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.matching.matches import Matches
@@ -240,45 +240,44 @@ class SiteProblem:
         rms
             Error [px]; NaN without matches.
         """
-        rig = self.rig(z)
-        errors = [_compute_epipolar_error(group.matches, rig) for group in self._cells]
+        errors = [one for _, one in _list_epipolar_errors(self._cells, self.rig(z))]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else float("nan")
 
-    def cell_rms(self, z: FloatArray) -> float:
-        """Root mean square over the cells of the error that the matches of a cell share.
+    def cell_std(self, z: FloatArray) -> float:
+        """Standard deviation of the error that the matches of a cell share.
 
         Parameters
         ----------
         z
-            Whitened parameters, shape (M,).
+            Whitened parameters of a solution, shape (M,).
 
         Returns
         -------
-        rms
-            Error, corrected for the number of fitted parameters [px]; NaN with hardly more cells than parameters.
+        std
+            Standard deviation [px]; NaN with hardly more cells than parameters.
 
         Notes
         -----
         The shared error of a cell is the median of the epipolar errors of its matches, and for points that several
-        views see the median of their reprojection errors.
+        views see the median of their reprojection errors. A standard deviation from a few cells is uncertain itself:
+        parameters adjusted with it have Student's distribution, whose variance is larger by ``f / (f - 2)`` with f the
+        number of cells less that of fitted parameters.
         """
         rig = self.rig(z)
         squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
-        for group in self._pairs:
+        for group, errors in _list_epipolar_errors(self._pairs, rig):
             if group.matches.std_px:
                 continue
-            error = _compute_epipolar_error(group.matches, rig)
-            means = np.array([np.median(error[group.cell == cell]) for cell in np.unique(group.cell)])
+            medians = _cell_medians(errors, group.cell)
             # Wrong matches must not make the right ones count less.
-            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(means)))
-            squares += float(np.sum(np.square(np.clip(means, -limit, limit))))
-            free += len(means)
+            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
+            squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
+            free += len(medians)
         for shared in self._shared:
-            errors = shared.points.errors(rig)
-            shifts = [np.nanmedian(errors[shared.cell == cell], axis=0) for cell in np.unique(shared.cell)]
-            squares += float(np.sum(np.square(shifts)))
-            free += shared.points.constraints * len(shifts)
-        return float(np.sqrt(squares / free)) if free > _POSE_PARAMETERS else float("nan")
+            medians = _cell_medians(shared.points.errors(rig), shared.cell)
+            squares += float(np.sum(np.square(medians)))
+            free += shared.points.constraints * len(medians)
+        return float(np.sqrt(squares / (free - 2))) if free > _POSE_PARAMETERS else float("nan")
 
     def _list_distances(self, rig: Rig) -> list[AdjustedValue]:
         """Distances of the third and further cameras from the reference camera; that of the second is the baseline."""
@@ -387,12 +386,11 @@ class SiteProblem:
 
     def _compute_match_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the matches of pairs of views."""
-        rig = self.rig(z)
-        parts = [np.empty(0)]
-        for group in self._pairs:
-            error = _compute_epipolar_error(group.matches, rig)
-            parts.append(_bend(error / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight)
-        return np.concatenate(parts)
+        parts = [
+            _bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
+            for group, errors in _list_epipolar_errors(self._pairs, self.rig(z))
+        ]
+        return np.concatenate([np.empty(0), *parts])
 
     def _compute_shared_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the points that three views or more see."""
@@ -460,6 +458,13 @@ def _factor_prior(covariance: FloatArray) -> FloatArray:
     return factor
 
 
-def _compute_epipolar_error(m: Matches, rig: Rig) -> FloatArray:
-    """Sampson error of each match, shape (N,) [px]."""
-    return sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
+def _list_epipolar_errors(groups: Sequence[CellMatches], rig: Rig) -> Iterator[tuple[CellMatches, FloatArray]]:
+    """Groups of matches with the Sampson error of each match, shape (N,) [px]."""
+    for group in groups:
+        m = group.matches
+        yield group, sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
+
+
+def _cell_medians(errors: FloatArray, cell: IntArray) -> FloatArray:
+    """Median of the errors (N, ...) of each cell, shape (cells, ...)."""
+    return np.array([np.nanmedian(errors[cell == one], axis=0) for one in np.unique(cell)])

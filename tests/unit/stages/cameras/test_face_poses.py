@@ -9,9 +9,10 @@ from rooms import angle_between_deg
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Level, Readings, Site
-from vfm_sdm.stages.cameras.face_poses import Face, propose_poses
+from vfm_sdm.stages.cameras.face_poses import propose_poses
 from vfm_sdm.stages.cameras.face_votes import count_votes
 from vfm_sdm.stages.cameras.relative_pose import count_places, number_cells
+from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.matches import Matches
 
 SIZE, FOCAL, BASELINE = (1280, 720), 7000.0, 4.0
