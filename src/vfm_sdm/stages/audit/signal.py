@@ -95,7 +95,12 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
 
 
 def check_recording(inputs: AuditInputs) -> AuditCheck:
-    """Share of frames that the recordings lack or repeat [1], and whether they end early."""
+    """Share of frames that the recordings lack or repeat [1], whether they end early, and what is doubtful about them.
+
+    Notes
+    -----
+    Frames that a conversion of the rate put in, and that were left out, do not count; what was allowed for is a note.
+    """
     name = "recordings"
     records = {view: t.attrs["recording"] for view, t in inputs.tracks.items() if "recording" in t.attrs}
     damaged = [
@@ -107,6 +112,11 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
     if damaged:
         sentence = f"the recording of {damaged[0]!r} is not whole: {records[damaged[0]]['status']}"
         return AuditCheck(name, Outcome.CAUTION, float("nan"), _DROPPED_CAUTION, "1", sentence, damaged[0])
+    doubtful = {view: record["doubts"] for view, record in records.items() if record.get("doubts")}
+    if doubtful and max(share.values()) < _DROPPED_FAIL:
+        view, said = next(iter(doubtful.items()))
+        sentence = f"the recording of {view!r}: {'; '.join(said)}"
+        return AuditCheck(name, Outcome.CAUTION, max(share.values()), _DROPPED_CAUTION, "1", sentence, view)
     return judge(
         name,
         share,

@@ -14,6 +14,7 @@ from vfm_sdm.core.products import Resume
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.tracking.base import DesignedTracker, Tracker
+from vfm_sdm.stages.tracking.frame_clock import check_frames
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
@@ -71,13 +72,15 @@ def track_views(
             found = found.assign(_describe_choices(chosen, [str(name) for name in found["point"].values]))
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
         found.attrs["pixel_aspect"] = video.info.pixel_aspect
-        tracks[view] = include_track_noise(found)
+        clock = check_frames(found)
+        tracks[view] = include_track_noise(clock.tracks)
         tracks[view].attrs["recording"] = {
             **asdict(video.report),
             "bits_per_pixel": _bits_per_pixel(video),
             "time_scale": video.info.time_scale,
-            "remarks": list(video.info.remarks),
-            "doubts": list(video.info.doubts),
+            **clock.facts,
+            "remarks": [*video.info.remarks, *clock.facts["remarks"]],
+            "doubts": [*video.info.doubts, *clock.facts["doubts"]],
         }
     return tracks
 
