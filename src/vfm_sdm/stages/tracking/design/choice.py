@@ -1,6 +1,6 @@
 """Size, shape and warp of a point's subset, from what moves with it and what its texture can carry."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,9 @@ _GOOD_STD_PX = 0.01
 """A codec's errors alone are as large [px]: nothing is gained by a larger subset (decision record 008)."""
 _WORTH = 0.8
 """A larger subset must lower the standard deviation to this share, as the noise of 1.5 times the pixels does."""
+_SHADINGS = 0, 3, 5
+"""Degrees of the surface of light that may come and go, from none to what shadows as small as a third of a square need:
+a polynomial of degree n bends n - 1 times over it."""
 _LINEAR_STD = 3e-4
 """Rotation and strain that an ordinary recording makes unseen [1]: the slope of a girder that is bent by 1/10000 of its
 span (pi/10000), as under pedestrians and wind; the limit of serviceability of a footbridge is ten times that."""
@@ -33,6 +36,9 @@ _SIGHT_PX = 30
 """Half a side within which a point's motion is looked for, however small its square [px]."""
 _SAME_PX = 0.005
 """Standard deviations this close are the same: the higher order is then taken, which is wrong about less [px]."""
+
+_Tried = tuple[SubsetDesign, FloatArray]
+"""A design with the covariance that is expected of it [px2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,21 +108,40 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
         return refused
     clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
     if std[1] <= USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
-        tried = _try_warps(trial, size, clean)
+        tried = _try_shadings(lambda shading: _try_warps(trial, size, clean, shading))
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
             if values[1] <= USABLE_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
-    across = directions[0]
-    edge = SubsetDesign(size, Warp.EDGE, across, _cut_mask(belief.believed, size), _LINEAR_STD)
+    across, believed = directions[0], _cut_mask(belief.believed, size)
+    tried = _try_shadings(lambda shading: _try_edge(trial, size, across, believed, shading))
+    if tried is None or tried[1][0, 0] > USABLE_STD_PX**2:
+        return refused
+    return _accept(refused, tried[0], np.array([np.sqrt(tried[1][0, 0]), np.inf]), across)
+
+
+def _try_shadings(attempt: Callable[[int], _Tried | None]) -> _Tried | None:
+    """The attempt with the least shading of those than which none is well more certain; ``None`` where none converges.
+
+    Light that moves, such as the shadows of leaves, is in the residuals and pulls at the subset; a surface that may come
+    and go takes it away, and texture of that size with it.
+    """
+    best: _Tried | None = None
+    for shading in _SHADINGS:
+        tried = attempt(shading)
+        if tried is not None and (best is None or np.trace(tried[1]) < _WORTH**2 * np.trace(best[1])):
+            best = tried
+    return best
+
+
+def _try_edge(trial: Trial, size: int, across: FloatArray, mask: BoolArray, shading: int) -> _Tried | None:
+    """A subset tracked across an edge and the variance of that, shape (1, 1) [px2]; ``None`` where it fails."""
+    edge = SubsetDesign(size, Warp.EDGE, across, mask, _LINEAR_STD, shading)
     stated = trial.covariance(edge)
     if stated is None:
-        return refused
-    variance = max(float(across @ stated @ across), float(across @ trial.spread(edge) @ across))
-    if variance > USABLE_STD_PX**2:
-        return refused
-    return _accept(refused, edge, np.array([np.sqrt(variance), np.inf]), across)
+        return None
+    return edge, np.array([[max(float(across @ stated @ across), float(across @ trial.spread(edge) @ across))]])
 
 
 def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, direction: FloatArray) -> SubsetChoice:
@@ -126,14 +151,14 @@ def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, dir
     return replace(refused, design=design, std_px=std_px, direction=direction, status=PointStatus.OK)
 
 
-def _try_warps(trial: Trial, size: int, mask: BoolArray) -> tuple[SubsetDesign, FloatArray] | None:
+def _try_warps(trial: Trial, size: int, mask: BoolArray, shading: int) -> _Tried | None:
     """The warp with the least expected mean square error, and that error as a covariance (2, 2) [px2].
 
     Of those that are as good, the one of the highest order; ``None`` where none converges.
     """
     omitted = float(np.hypot(_LINEAR_STD, trial.linear_std(size, mask)))
     orders = (Warp.TRANSLATION, omitted), (Warp.SIMILARITY, omitted), (Warp.AFFINE, 0.0)
-    designs = [SubsetDesign(size, warp, None, mask, left_out) for warp, left_out in orders]
+    designs = [SubsetDesign(size, warp, None, mask, left_out, shading) for warp, left_out in orders]
     found = [(design, stated) for design in designs if (stated := trial.covariance(design)) is not None]
     if not found:
         return None
