@@ -28,6 +28,11 @@ __all__ = ["Known", "Place", "place_points"]
 
 _SIZES_PX = 41, 21
 """Sides of the squares that are compared, beside that of the session: smaller ones hold less of what lies behind."""
+_WIDER_PX = 121, 81
+"""Sides of the squares that decide between places that look alike, beside that of the session [px]: of three and two
+usual squares, so that what repeats ends in them."""
+_AROUND_PX = 1.0
+"""Standard deviation of what a wider square may shift a place by [px]."""
 _SHARP_PX = 3.0
 """Standard deviation up to which a peak is a place that can be registered to a fraction of a pixel."""
 _VALLEY = 3.0
@@ -157,7 +162,7 @@ class _Search:
     ) -> None:
         self.images, self.points2d, self.known, self.subset_px = images, points2d, known, subset_px
         self.sizes = [subset_px, *(size for size in _SIZES_PX if size < subset_px)]
-        soft = soften(images[0]), soften(images[1])
+        self.soft = soft = soften(images[0]), soften(images[1])
         self.maps: list[list[ResemblanceMap]] = []
         for i, point in enumerate(points2d):
             around = _of(expected.position, expected.covariance, i)
@@ -186,7 +191,7 @@ class _Search:
             if index in self.known.given:
                 return Place(mean, covariance, np.nan, PointStatus.OK)
             return _nowhere(PointStatus.NOT_FOUND)
-        values = [one.value for one in found]
+        found, values = self._compare(index, found)
         sure: list[tuple[FloatArray, FloatArray, float] | None] = [None] * len(found)
         close = [k for k, value in enumerate(values) if value > values[0] - ODDS][:_REGISTERED]
         for k in close:
@@ -208,6 +213,30 @@ class _Search:
         if np.sqrt(np.linalg.eigvalsh(left)[-1]) > self.subset_px / 2:
             return _nowhere(PointStatus.AMBIGUOUS, best.correlation)
         return Place(place, left, best.correlation, PointStatus.OK)
+
+    def _compare(self, index: int, found: list[Candidate]) -> tuple[list[Candidate], list[float]]:
+        """Places, the best first, and their values: of the widest square that is seen, where smaller ones look alike.
+
+        Each bolt of a row, post of a railing or stone of a wall looks like the next one; the row's end does not. Beyond
+        the point's own plane a wider square sees something else, so that it counts only where it resembles one place.
+        """
+        values = [one.value for one in found]
+        rivals = [one for one in found[1:] if one.value > values[0] - ODDS]
+        if all(self._is_same_place(index, found[0], rival) for rival in rivals):
+            return found, values
+        for size in (*_WIDER_PX, self.subset_px):
+            seen = [self._correlate(index, one, size) for one in found]
+            if max(seen) >= LEAST_CORRELATION:
+                wider = [one.value - one.score + float(score(s)) for one, s in zip(found, seen, strict=True)]
+                order = np.argsort([-value for value in wider], kind="stable")
+                return [found[k] for k in order], [wider[k] for k in order]
+        return found, values
+
+    def _correlate(self, index: int, place: Candidate, size: int) -> float:
+        """Highest correlation of a square of this side around a place [1]; 0 where it has no room."""
+        around = place.position, _AROUND_PX**2 * np.eye(2)
+        found = map_resemblance(self.soft, self.points2d[index], around, place.affine, size)
+        return 0.0 if found is None else max(float(found.correlation.max()), 0.0)
 
     def _is_same_place(self, index: int, best: Candidate, rival: Candidate) -> bool:
         """Whether two candidates are within one subset or on one edge: how far apart is then an uncertainty."""
