@@ -29,6 +29,7 @@ _LEAST_AREA = 0.1
 """Area of a subset in the second view, over that in the first, below which they cannot be compared."""
 FAR_OUTSIDE_PX = -1e6
 """Where a point is expected that the second camera cannot see [px]."""
+_STEPS = np.zeros(2), np.array([1.0, 0.0])
 _DEPTHS = 0.7, 2.0
 """Depths of a point that need not lie on the face, over the depth of the face on its viewing ray."""
 
@@ -69,12 +70,16 @@ class Expected:
         Covariance of what each point has of its own, shape (P, 2, 2) [px2].
     maps
         Maps of offsets around each point to offsets in the second view, shape (W, 2, 2) each [1].
+    relief
+        Change of the position for a detail that stands off the face by as much as a pixel of the first view shows
+        there, shape (P, 2) [1].
     """
 
     position: FloatArray
     shared: FloatArray
     own: FloatArray
     maps: tuple[FloatArray, ...]
+    relief: FloatArray
 
     @property
     def covariance(self) -> FloatArray:
@@ -141,7 +146,9 @@ def expect_anywhere(points2d: FloatArray, rig: Rig, views: tuple[int, int]) -> E
         made = [_map_of_plane(point, first, second, normal, normal @ place) for normal in normals]
         maps.append(np.stack([one for one in made if np.isfinite(one).all() and _is_map(one)] or [np.eye(2)]))
     nowhere = np.tile(np.nan * np.eye(2), (count, 1, 1))
-    return Expected(np.full((count, 2), np.nan), np.zeros((count, 2, 0)), nowhere, tuple(maps))
+    return Expected(
+        np.full((count, 2), np.nan), np.zeros((count, 2, 0)), nowhere, tuple(maps), relief=np.zeros((count, 2))
+    )
 
 
 def expect_on_face(
@@ -176,17 +183,26 @@ def expect_on_face(
         for sign in (-1, 1)
     ]
     half = np.where(on_face[:, None], (along[1] - along[0]) / 2, 0.0)
+    relief = half / face.offset_std * _pixel_size(points2d, first, face)[:, None]
     for number in np.flatnonzero(~on_face):
         position[number], half[number] = _line_part(points2d[number], first, second, face)
     # What the second camera cannot see is expected where its picture is not.
     seen = np.isfinite(position).all(axis=1) & np.isfinite(half).all(axis=1) & np.isfinite(shared).all(axis=(1, 2))
-    position[~seen], half[~seen], shared[~seen] = FAR_OUTSIDE_PX, 0.0, 0.0
+    position[~seen], half[~seen], shared[~seen], relief[~seen] = FAR_OUTSIDE_PX, 0.0, 0.0, 0.0
     own = np.einsum("pi,pj->pij", half, half) + _MODEL_STD_PX**2 * np.eye(2)
     maps = tuple(
         _plane_maps(point, first, second, face, normals=1 if flat else 2)
         for point, flat in zip(points2d, on_face, strict=True)
     )
-    return Expected(position, shared, own, maps)
+    return Expected(position, shared, own, maps, relief)
+
+
+def _pixel_size(points2d: FloatArray, camera: Camera, face: Face) -> FloatArray:
+    """What a pixel of a camera shows of something on the face that faces it, shape (P,) [unit of length a pixel]."""
+    normal = face.frame.rotation[0]
+    beside = [np.concatenate([camera.normalize(points2d + step), np.ones((len(points2d), 1))], axis=1) for step in _STEPS]
+    reach = (face.distance - normal @ camera.center) / (beside[0] @ camera.rotation @ normal)
+    return np.asarray(np.abs(reach) * np.linalg.norm(beside[1] - beside[0], axis=1))
 
 
 def _through_plane(

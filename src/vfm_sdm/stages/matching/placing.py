@@ -28,9 +28,9 @@ __all__ = ["Known", "Place", "place_points"]
 
 _SIZES_PX = 41, 21
 """Sides of the squares that are compared, beside that of the session: smaller ones hold less of what lies behind."""
-_WIDER_PX = 121, 81
-"""Sides of the squares that decide between places that look alike, beside that of the session [px]: of three and two
-usual squares, so that what repeats ends in them."""
+_WIDER_PX = 81
+"""Side of the square that decides between places that look alike, before that of the session [px]: two usual ones, so
+that a row ends in it that the point itself is part of."""
 _AROUND_PX = 1.0
 """Standard deviation of what a wider square may shift a place by [px]."""
 _SHARP_PX = 3.0
@@ -162,6 +162,7 @@ class _Search:
     ) -> None:
         self.images, self.points2d, self.known, self.subset_px = images, points2d, known, subset_px
         self.sizes = [subset_px, *(size for size in _SIZES_PX if size < subset_px)]
+        self.relief = expected.relief
         self.soft = soft = soften(images[0]), soften(images[1])
         self.maps: list[list[ResemblanceMap]] = []
         for i, point in enumerate(points2d):
@@ -207,12 +208,23 @@ class _Search:
         if registered is not None:
             place, sharp, correlation = registered
             return Place(place, sharp + _spread(best, rivals), correlation, PointStatus.OK)
-        inner = best.covariance + _spread(best, rivals)
+        off = self._stand_off(index, best)
+        inner = best.covariance + _spread(best, rivals) + np.outer(off, off)
         gain = covariance @ np.linalg.inv(covariance + inner)
         place, left = mean + gain @ (best.position - mean), covariance - gain @ covariance
         if np.sqrt(np.linalg.eigvalsh(left)[-1]) > self.subset_px / 2:
             return _nowhere(PointStatus.AMBIGUOUS, best.correlation)
         return Place(place, left, best.correlation, PointStatus.OK)
+
+    def _stand_off(self, index: int, place: Candidate) -> FloatArray:
+        """Standard deviation by which details that stand off the face move a place, shape (2,) [px].
+
+        Bolts, ribs and rails stand off about as far as they are wide. They do the more of the resemblance, the less of
+        it a plane explains: all of it where it is just seen.
+        """
+        cells = next(m.cells for m in self.maps[index] if m.affine is place.affine and m.size == place.size)
+        unexplained = (1 - place.correlation**2) / (1 - LEAST_CORRELATION**2)
+        return np.asarray(place.size / np.sqrt(cells) * np.sqrt(max(unexplained, 0.0)) * self.relief[index])
 
     def _compare(self, index: int, found: list[Candidate]) -> tuple[list[Candidate], list[float]]:
         """Places, the best first, and their values: of the widest square that is seen, where smaller ones look alike.
@@ -224,7 +236,7 @@ class _Search:
         rivals = [one for one in found[1:] if one.value > values[0] - ODDS]
         if all(self._is_same_place(index, found[0], rival) for rival in rivals):
             return found, values
-        for size in (*_WIDER_PX, self.subset_px):
+        for size in (_WIDER_PX, self.subset_px):
             seen = [self._correlate(index, one, size) for one in found]
             if max(seen) >= LEAST_CORRELATION:
                 wider = [one.value - one.score + float(score(s)) for one, s in zip(found, seen, strict=True)]
@@ -233,10 +245,20 @@ class _Search:
         return found, values
 
     def _correlate(self, index: int, place: Candidate, size: int) -> float:
-        """Highest correlation of a square of this side around a place [1]; 0 where it has no room."""
-        around = place.position, _AROUND_PX**2 * np.eye(2)
-        found = map_resemblance(self.soft, self.points2d[index], around, place.affine, size)
-        return 0.0 if found is None else max(float(found.correlation.max()), 0.0)
+        """Highest correlation of a square of this side at a place [1]; 0 where it has no room.
+
+        Nothing speaks against a place that only another depth or tilt makes resemble the point, so the square may warp.
+        """
+        point, around = self.points2d[index], (place.position, _AROUND_PX**2 * np.eye(2))
+        found = map_resemblance(self.soft, point, around, place.affine, size)
+        if found is None:
+            return 0.0
+        row, column = np.unravel_index(int(found.correlation.argmax()), found.correlation.shape)
+        start = Starts((found.origin + found.affine @ [column, row])[None], place.affine[None])
+        warped = register_subset(*self.images, point[None], start, subset_px=size)
+        near = np.linalg.norm(warped.position[0] - place.position) <= 2 * _SHARP_PX
+        best = float(found.correlation[row, column])
+        return max(best, float(warped.correlation[0]) if warped.converged[0] and near else 0.0)
 
     def _is_same_place(self, index: int, best: Candidate, rival: Candidate) -> bool:
         """Whether two candidates are within one subset or on one edge: how far apart is then an uncertainty."""
