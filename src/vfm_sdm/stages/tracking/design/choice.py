@@ -20,6 +20,11 @@ SIZES_PX = (41, 61, 81, 101)
 """Sides that are tried where the user names none, from small and clear to large and calm [px]."""
 USABLE_STD_PX = 0.1
 """Standard deviation of one frame up to which a direction is measured [px]; beyond it trackers say ``unreliable``."""
+_USUAL_STD_PX = 0.08
+"""Standard deviation of the middle frame up to which a second direction is: frames differ, and those beyond
+`USABLE_STD_PX` take the first direction with them [px]."""
+_SEEN = 1.5
+"""Times `USABLE_STD_PX` up to which a direction is not without texture: registration then says which of two is better."""
 _GOOD_STD_PX = 0.01
 """A codec's errors alone are as large [px]: nothing is gained by a larger subset (decision record 008)."""
 _WORTH = 0.8
@@ -107,14 +112,15 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
     if not std[0] <= USABLE_STD_PX or np.count_nonzero(belief.believed & part) < FEWEST_BELIEVED_PX:
         return refused
     clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
-    if std[1] <= USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
+    across, believed = directions[0], _cut_mask(belief.believed, size)
+    if std[1] <= _SEEN * USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
         tried = _try_shadings(lambda shading: _try_warps(trial, size, clean, shading))
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
-            if values[1] <= USABLE_STD_PX**2:
+            if std[1] <= USABLE_STD_PX and values[1] <= _USUAL_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
-    across, believed = directions[0], _cut_mask(belief.believed, size)
+            across = axes[:, 0]
     tried = _try_shadings(lambda shading: _try_edge(trial, size, across, believed, shading))
     if tried is None or tried[1][0, 0] > USABLE_STD_PX**2:
         return refused

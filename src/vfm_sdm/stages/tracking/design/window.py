@@ -26,6 +26,9 @@ SLOW_PX = 7.0
 """Standard deviation of the Gaussian that leaves what changes as slowly over an image as light does [px]."""
 _BLOCK_PX = 9
 """Side of the blocks that are held to move as one."""
+_FITTED = 4
+"""What is fitted to a block: two of motion, gain and offset. Softened noise has as many independent pixels in it as
+softening keeps of its variance."""
 _ROUNDING = 1 / 12
 """Variance of rounding to whole grey levels."""
 _CODED = 0.25
@@ -134,7 +137,8 @@ class Window:
                 trial = np.clip(trial, -REACH_PX, REACH_PX).astype(np.float32)
             if best is not None:
                 left += best
-        noise = np.maximum(left / (2 * self.count), _CODED).astype(np.float32)
+        spent = _FITTED / (_BLOCK_PX**2 * kept_noise())
+        noise = np.maximum(left / (2 * self.count) / (1 - spent), _CODED).astype(np.float32)
         return further, noise
 
     def register(self, weights: Image, noise: Image, start: FloatArray) -> tuple[FloatArray, FloatArray]:
