@@ -66,7 +66,7 @@ class PointFinder:
         Places that the user named stay where they are within the user's accuracy. What such a search finds far from
         where cameras and face expect the point is another place that looks alike, and not it.
         """
-        views = list(self.frames)
+        views, size = list(self.frames), self.session.method.usual_subset_px
         points = named_points(self.session, views)
         metric, face = know_face(self.session.site, rig)
         for source, target in _pairs(views):
@@ -76,7 +76,8 @@ class PointFinder:
             together = [p for i, p in enumerate(named) if i not in suggested or target in p.pixel_in]
             if face is None:
                 together = [p for p in together if target in p.pixel_in]
-            _enter(points, together, target, self._place(together, points, metric, face, (source, target)))
+            placed = self._place(together, points, metric, face, (source, target))
+            _enter(points, together, target, placed, subset_px=size)
             alone = [i for i, p in enumerate(named) if points["status"].sel(view=target, point=p.name) in _UNSEEN]
             if alone:
                 matches = matches or _features_near(rig, list(self.frames.values()))
@@ -87,7 +88,7 @@ class PointFinder:
                 if face is not None:
                     expected = self._expect(left, metric, face, (source, target))
                     found = _keep_expected(found, expected, [not p.static for p in left])
-                _enter(points, left, target, found)
+                _enter(points, left, target, found, subset_px=size)
         return points
 
     def find_on_face(self, points: xr.Dataset, rig: Rig, frame: StructureFrame) -> xr.Dataset:
@@ -109,7 +110,7 @@ class PointFinder:
         points = points.copy(deep=True)
         if distance is None or not rig.metric:
             return points
-        views = list(self.frames)
+        views, size = list(self.frames), self.session.method.usual_subset_px
         _, face = know_face(self.session.site, rig, frame)
         # The lateral axis points away from the reference camera, where the world has its origin.
         std = float(np.hypot(distance.std, self.session.site.face_offset_std))
@@ -117,12 +118,12 @@ class PointFinder:
         for source, target in _pairs(views):
             missing = [p for p in self.session.point if p.view == source and _is_missing(p, target, points)]
             found = self._place(missing, points, rig, face, (source, target))
-            _enter(points, missing, target, found, only_found=True)
+            _enter(points, missing, target, found, subset_px=size, only_found=True)
             missing = [p for p in missing if points["status"].sel(view=target, point=p.name) in _UNSEEN]
             if missing:
                 between = _between((), views.index(source), views.index(target))
                 found = self._correspondences(missing, rig, between, face=surface)
-                _enter(points, missing, target, found, only_found=True)
+                _enter(points, missing, target, found, subset_px=size, only_found=True)
         return points
 
     def _place(
@@ -192,10 +193,18 @@ def _pairs(views: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def _enter(
-    points: xr.Dataset, named: Sequence[Point], view: str, found: Correspondence, *, only_found: bool = False
+    points: xr.Dataset,
+    named: Sequence[Point],
+    view: str,
+    found: Correspondence,
+    *,
+    subset_px: int,
+    only_found: bool = False,
 ) -> None:
     """Enters what was found of some points in a view; with ``only_found``, nothing of the others."""
     std = np.sqrt(np.einsum("pii->pi", found.covariance))
+    # A soft texture may resemble a place without telling how well: the square then shows the point somewhere in it.
+    std = np.where(np.isnan(std) & np.isfinite(found.points2d), subset_px / np.sqrt(12), std)
     for number, point in enumerate(named):
         if only_found and found.status[number] != PointStatus.OK:
             continue
@@ -231,8 +240,7 @@ def _is_missing(point: Point, view: str, points: xr.Dataset) -> bool:
 def _place_of(points: xr.Dataset, view: str, name: str) -> Place:
     """The place of a point that a points dataset holds."""
     one = points.sel(view=view, point=name)
-    # Registration of a soft texture may find the place without its uncertainty.
-    variances = np.nan_to_num(one["position_std"].values, nan=1.0) ** 2
+    variances = one["position_std"].values ** 2
     return Place(one["position"].values, np.diag(variances), np.nan, str(one["status"].item()))
 
 
