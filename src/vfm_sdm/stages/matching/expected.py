@@ -200,7 +200,9 @@ def expect_on_face(
 def _pixel_size(points2d: FloatArray, camera: Camera, face: Face) -> FloatArray:
     """What a pixel of a camera shows of something on the face that faces it, shape (P,) [unit of length a pixel]."""
     normal = face.frame.rotation[0]
-    beside = [np.concatenate([camera.normalize(points2d + step), np.ones((len(points2d), 1))], axis=1) for step in _STEPS]
+    beside = [
+        np.concatenate([camera.normalize(points2d + step), np.ones((len(points2d), 1))], axis=1) for step in _STEPS
+    ]
     reach = (face.distance - normal @ camera.center) / (beside[0] @ camera.rotation @ normal)
     return np.asarray(np.abs(reach) * np.linalg.norm(beside[1] - beside[0], axis=1))
 

@@ -134,7 +134,6 @@ def prepare_subsets(
     >>> prepared.pixels.shape, prepared.usable.tolist()
     ((1, 3, 441), [True])
     """
-
     # Of all points together: a batch without shading has as many surfaces, of zeros.
     shading = _stack_shading(designs, len(centers), half)
 

@@ -24,7 +24,7 @@ _USUAL_STD_PX = 0.08
 """Standard deviation of the middle frame up to which a second direction is: frames differ, and those beyond
 `USABLE_STD_PX` take the first direction with them [px]."""
 _SEEN = 1.5
-"""Times `USABLE_STD_PX` up to which a direction is not without texture: registration then says which of two is better."""
+"""Times `USABLE_STD_PX` up to which a direction is not without texture: registration then says which of two is best."""
 _GOOD_STD_PX = 0.01
 """A codec's errors alone are as large [px]: nothing is gained by a larger subset (decision record 008)."""
 _WORTH = 0.8
@@ -130,8 +130,8 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
 def _try_shadings(attempt: Callable[[int], _Tried | None]) -> _Tried | None:
     """The attempt with the least shading of those than which none is well more certain; ``None`` where none converges.
 
-    Light that moves, such as the shadows of leaves, is in the residuals and pulls at the subset; a surface that may come
-    and go takes it away, and texture of that size with it.
+    Light that moves, such as the shadows of leaves, is in the residuals and pulls at the subset; a surface that may
+    come and go takes it away, and texture of that size with it.
     """
     best: _Tried | None = None
     for shading in _SHADINGS:
