@@ -115,6 +115,9 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
     across, believed = directions[0], _cut_mask(belief.believed, size)
     if std[1] <= _SEEN * USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
         tried = _try_shadings(lambda shading: _try_warps(trial, size, clean, shading))
+        seen = clean & _cut_mask(belief.supporting, size)
+        if tried is not None and np.count_nonzero(seen) >= FEWEST_BELIEVED_PX:
+            tried = _try_seen(trial, tried, seen)
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
@@ -139,6 +142,16 @@ def _try_shadings(attempt: Callable[[int], _Tried | None]) -> _Tried | None:
         if tried is not None and (best is None or np.trace(tried[1]) < _WORTH**2 * np.trace(best[1])):
             best = tried
     return best
+
+
+def _try_seen(trial: Trial, tried: _Tried, seen: BoolArray) -> _Tried:
+    """The same with only those pixels that are seen to move with the point, where that is well more certain.
+
+    What shows no texture tells nothing of its motion, and all of the light on it.
+    """
+    design, covariance = tried
+    found = _try_warps(trial, design.subset_px, seen, design.shading)
+    return tried if found is None or np.trace(found[1]) >= _WORTH**2 * np.trace(covariance) else found
 
 
 def _try_edge(trial: Trial, size: int, across: FloatArray, mask: BoolArray, shading: int) -> _Tried | None:
