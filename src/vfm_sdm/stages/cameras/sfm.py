@@ -82,6 +82,11 @@ class SfmCameras:
             ) from error
         self._matcher = features
 
+    @property
+    def weights_id(self) -> str:
+        """Identity of the matcher's weights, which keys contain; empty without such."""
+        return str(getattr(self._matcher, "weights_id", ""))
+
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
         """Rig with the measured baseline, its prior covariance, and the matches that the bundle adjustment kept.
 

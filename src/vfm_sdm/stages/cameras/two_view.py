@@ -44,6 +44,11 @@ class TwoViewCameras:
     def __init__(self, *, features: FeatureMatcher | None = None) -> None:
         self._matcher = features
 
+    @property
+    def weights_id(self) -> str:
+        """Identity of the matcher's weights, which keys contain; empty without such."""
+        return str(getattr(self._matcher, "weights_id", ""))
+
     def estimate(self, session: Session, frames: Mapping[str, LumaArray]) -> CameraEstimate:
         """Rig with the measured baseline, its prior covariance, and the inlier matches.
 

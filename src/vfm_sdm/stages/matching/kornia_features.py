@@ -5,17 +5,16 @@ from importlib import import_module
 from itertools import combinations
 from typing import Any
 
-import cv2
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.inputs.session import Network
-from vfm_sdm.inputs.video import Region
 from vfm_sdm.networks.availability import require_torch, why_unavailable
 from vfm_sdm.networks.loading import load_weights, read_state
-from vfm_sdm.stages.matching.detection import to_eight_bit
+from vfm_sdm.networks.weights import find_weights, weights_id
 from vfm_sdm.stages.matching.features import FeatureMatches
+from vfm_sdm.stages.matching.network_images import reduce_image
 
 __all__ = ["AUTOMATIC", "KorniaMatcher", "choose_matcher"]
 
@@ -23,8 +22,6 @@ AUTOMATIC = ("aliked+lightglue", "xfeat")
 """What ``auto`` takes, the first whose packages and weights are here: ALIKED places features to a fraction of a pixel
 and bears every kind of texture; XFeat takes half the time and finds more on built structures, at whole pixels."""
 
-_LONG_SIDE_PX = 1024
-"""Images with a longer side are reduced to it: the networks were trained on images of about this size."""
 _KEYPOINTS = {"aliked": 2048, "xfeat": 4096}
 """Strongest features of an image that are kept, as their authors propose; LightGlue compares each with each."""
 _MATCHERS = {"aliked": "aliked-lightglue", "xfeat": "xfeat-lighterglue"}
@@ -40,6 +37,11 @@ class KorniaMatcher:
         ``aliked`` [1]_ or ``xfeat`` [2]_.
     network
         Settings of networks, of which the device counts; the weights are those registered for the detector.
+
+    Attributes
+    ----------
+    weights_id
+        Names and hashes of the weights, for keys.
 
     Raises
     ------
@@ -69,6 +71,8 @@ class KorniaMatcher:
         placing: Any = import_module("vfm_sdm.networks.device")
         self._place: Any = placing.choose_placement((network or Network()).device, "float32")
         self._detector = detector
+        files = (find_weights(names[detector]) for names in (_EXTRACTORS, _MATCHERS))
+        self.weights_id = "+".join(weights_id(file) for file in files)
         self._extract = self._load_extractor().to(self._place.device).eval()
         self._glue = self._load_matcher().to(self._place.device).eval()
 
@@ -92,14 +96,8 @@ class KorniaMatcher:
 
     def _find_features(self, luma: LumaArray) -> tuple[dict[str, Any], FloatArray]:
         """Features as LightGlue takes them, and their full-image pixels, shape (N, 2)."""
-        height, width = luma.shape
-        scale = min(1.0, _LONG_SIDE_PX / max(height, width))
-        size = (round(width * scale), round(height * scale))
-        region = Region(0, 0, width, height, scale_u=size[0] / width, scale_v=size[1] / height)
-        image = to_eight_bit(luma)
-        if scale < 1:
-            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        batch = self._torch.from_numpy(image)[None, None].to(self._place.device).float() / 255
+        image, region = reduce_image(luma)
+        batch = self._torch.from_numpy(np.ascontiguousarray(image))[None, None].to(self._place.device).float() / 255
         if self._detector == "xfeat":
             found = self._extract.detectAndCompute(batch)[0]
             points, descriptors = found["keypoints"], found["descriptors"]
@@ -109,7 +107,7 @@ class KorniaMatcher:
         entry = {
             "keypoints": points[None],
             "descriptors": descriptors[None],
-            "image_size": self._torch.tensor([size], device=points.device),
+            "image_size": self._torch.tensor([region.canvas_size], device=points.device),
         }
         return entry, region.to_full(points.double().cpu().numpy())
 

@@ -14,16 +14,15 @@ from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.inputs.session import Sfm
 from vfm_sdm.inputs.video import Region
-from vfm_sdm.stages.matching.detection import to_eight_bit
+from vfm_sdm.networks.weights import weights_id
 from vfm_sdm.stages.matching.features import FeatureMatches
+from vfm_sdm.stages.matching.network_images import reduce_image
 
 __all__ = ["MATCHERS", "LearnedMatcher", "superpoint_matcher"]
 
 MATCHERS = {"superglue": "magic-leap-community/superglue_outdoor", "lightglue": "ETH-CVG/lightglue_superpoint"}
 """Published checkpoint of each matcher; both hold SuperPoint, whose licence excludes commercial use."""
 
-_LONG_SIDE_PX = 1024
-"""Images with a longer side are reduced to it: the networks were trained on images of about this size."""
 _KEYPOINTS = 2048
 """Strongest features of an image that are kept: the matchers compare each with each."""
 _CELL_PX = 8
@@ -41,6 +40,11 @@ class LearnedMatcher:
     model
         Folder with ``config.json`` and ``model.safetensors``; by default the published checkpoint where it lies
         already in the download cache. Nothing is downloaded here: the checkpoints come with a licence to accept.
+
+    Attributes
+    ----------
+    weights_id
+        Name and hash, or commit, of the weights, for keys.
 
     Raises
     ------
@@ -71,6 +75,9 @@ class LearnedMatcher:
                 "pip install 'vfm-sdm[sfm]', or use matching = 'sift'"
             ) from error
         self._network = _load_network(transformers, matcher, model)
+        # A checkpoint of the hub is one commit; a folder is known by its weights.
+        commit = getattr(self._network.config, "_commit_hash", None)
+        self.weights_id = f"{matcher}-{commit}" if model is None else weights_id(Path(model) / "model.safetensors")
 
     def match(self, images: Sequence[LumaArray]) -> dict[tuple[int, int], FeatureMatches]:
         """Features that look alike, by pair of images, before any geometric check.
@@ -90,11 +97,12 @@ class LearnedMatcher:
         All images are reduced by their own scale and stand at the top left of one common canvas, so that an image
         has the same features in all its pairs.
         """
-        regions = [_choose_region(image) for image in images]
+        parts = [reduce_image(image) for image in images]
+        regions = [region for _, region in parts]
         width, height = (
             -(-max(region.canvas_size[axis] for region in regions) // _CELL_PX) * _CELL_PX for axis in range(2)
         )
-        canvases = [_make_canvas(image, region, (width, height)) for image, region in zip(images, regions, strict=True)]
+        canvases = [_make_canvas(part, (width, height)) for part, _ in parts]
         found = {}
         for i, j in combinations(range(len(images)), 2):
             *pixels, quality = self._match_pair(canvases[i], canvases[j])
@@ -189,17 +197,8 @@ def _silence(log: Any) -> Iterator[None]:
             log.enable_progress_bar()
 
 
-def _choose_region(image: LumaArray) -> Region:
-    """The whole image, reduced so that its longer side fits the network [px]."""
-    height, width = image.shape
-    scale = min(1.0, _LONG_SIDE_PX / max(height, width))
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    return Region(0, 0, width, height, scale_u=size[0] / width, scale_v=size[1] / height)
-
-
-def _make_canvas(image: LumaArray, region: Region, size: tuple[int, int]) -> FloatArray:
-    """The reduced image in the range 0 to 1 at the top left of a canvas that repeats its last row and column."""
-    part = region.crop(to_eight_bit(image))
+def _make_canvas(part: LumaArray, size: tuple[int, int]) -> FloatArray:
+    """A reduced image in the range 0 to 1 at the top left of a canvas that repeats its last row and column."""
     right, below = size[0] - part.shape[1], size[1] - part.shape[0]
     padded = cv2.copyMakeBorder(np.asarray(part), 0, below, 0, right, cv2.BORDER_REPLICATE)
     return np.asarray(padded / 255.0)

@@ -64,6 +64,13 @@ class TestTrained:
         with pytest.raises(BackendUnavailableError, match=r"expected .* got no such file; run `vfm-sdm weights fetch"):
             make("features", Method(matching=name))
 
+    def test_keys_of_cameras_tell_its_weights_from_others(self, weights, name):
+        chosen, automatic, without = (make("cameras", Method(matching=m)).weights_id for m in (name, "auto", "sift"))
+        assert len(chosen.split("+")) == 2
+        assert all(len(one.rpartition("-")[2]) == 12 for one in chosen.split("+"))
+        assert (chosen == automatic) == (name == AUTOMATIC[0])
+        assert without == ""
+
 
 class TestAutomatic:
     def test_takes_a_network_whose_weights_are_here(self, weights):
