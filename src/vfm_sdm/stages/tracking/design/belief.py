@@ -22,10 +22,8 @@ DISTINCT_PX = 0.1
 SURE = 4.0
 """Standard deviations by which the vote of an area must leave one motion before it counts for the other."""
 _VOTE_NOISE = 1 / (0.2 * 4 * np.pi * _AREA_PX**2)
-"""Variance of an area's vote for unit variance of a softened pixel and unit mean square change: two noises, the pixels
-of the area, and the fifth of white noise that softening keeps."""
-_UNKNOWN_TEXTURE = 1.0
-"""Mean square of a texture of which no gain is known: that of noise [squared grey levels]."""
+"""Variance of an area's vote for unit variance of a softened pixel and unit mean square change: the noise of a frame,
+the pixels of the area, and the fifth of white noise that softening keeps."""
 _LEAST_AREA_PX = 30
 _LAYER_PX = 400
 """Area on which a motion other than standing still must be seen: a codec moves blocks of 16 px by themselves [px]."""
@@ -191,11 +189,10 @@ def _vote(window: Window, motion: FloatArray, others: list[FloatArray], noise: I
     """Areas that are sure to move otherwise than the point, and those that are sure to move with it, (R, R) each."""
     against, supporting = np.zeros(noise.shape, np.bool_), np.ones(noise.shape, np.bool_)
     smooth = np.stack([soften(frame, _SMOOTH_PX) for frame in window.soft])
-    light = _Light(smooth[0])
     for other in others:
         if not is_distinct(motion, other):
             continue
-        share, std = _weigh(window, smooth, light, (motion, other), noise)
+        share, std = _weigh(window, smooth, (motion, other), noise)
         otherwise = _without_specks((share < 0.5) & (1 - share > SURE * std))
         if other.any() and np.count_nonzero(otherwise) < _LAYER_PX:
             continue
@@ -204,26 +201,22 @@ def _vote(window: Window, motion: FloatArray, others: list[FloatArray], noise: I
     return against, supporting
 
 
-def _weigh(
-    window: Window, smooth: Image, light: "_Light", motions: tuple[FloatArray, FloatArray], noise: Image
-) -> tuple[Image, Image]:
+def _weigh(window: Window, smooth: Image, motions: tuple[FloatArray, FloatArray], noise: Image) -> tuple[Image, Image]:
     """Share that the first of two motions has in every area, and its standard deviation, (R, R) each [1].
 
     What the reference frame has of its own, noise and light, is in every difference from it: pixels vote with what
-    changes over all frames. What an area gets wrong in one frame, such as the edge of a shadow, it gets wrong together:
-    the spread of its frames counts where that is more than the noise of its pixels.
+    changes over all frames. A gain is left in: texture that moves by its own size differs from itself as much as
+    texture that fades, and what moves is to be seen.
     """
     first, second = (
-        np.stack([light.take_out(window.moved(k, one[k], images=smooth) - smooth[0]) for k in range(window.count)])
+        np.stack([_quick(window.moved(k, one[k], images=smooth) - smooth[0]) for k in range(window.count)])
         for one in motions
     )
     first, second = (one - one.sum(axis=0) / (window.count + 1) for one in (first, second))
     change = first - second
-    agree, spread = (np.stack([soften(image, _AREA_PX) for image in one]) for one in (-change * second, change**2))
-    total = np.maximum(spread.sum(axis=0), 1e-6)
-    share = agree.sum(axis=0) / total
-    apart = ((agree - share * spread) ** 2).sum(axis=0) / total**2
-    return np.asarray(share), np.asarray(np.sqrt(np.maximum(noise * _VOTE_NOISE / total, apart)))
+    agree = soften(np.sum(-change * second, axis=0), _AREA_PX)
+    spread = np.maximum(soften(np.sum(change * change, axis=0), _AREA_PX), 1e-6)
+    return agree / spread, np.sqrt(noise * _VOTE_NOISE / spread)
 
 
 def _find_believed(against: BoolArray, supporting: BoolArray) -> BoolArray:
@@ -233,24 +226,9 @@ def _find_believed(against: BoolArray, supporting: BoolArray) -> BoolArray:
     return np.asarray(~against & (supporting | (distance_transform_edt(~against) > _NEAR_PX)))
 
 
-class _Light:
-    """What gain and offset that change slowly over a window make of a texture, as moving shadows do.
-
-    Parameters
-    ----------
-    texture
-        Shape (R, R).
-    """
-
-    def __init__(self, texture: Image) -> None:
-        self._texture = texture - soften(texture, SLOW_PX)
-        self._power = soften(self._texture**2, SLOW_PX) + _UNKNOWN_TEXTURE
-
-    def take_out(self, image: Image) -> Image:
-        """An image without it, shape (R, R)."""
-        quick = image - soften(image, SLOW_PX)
-        gain = soften(quick * self._texture, SLOW_PX) / self._power
-        return np.asarray(quick - gain * self._texture, np.float32)
+def _quick(image: Image) -> Image:
+    """An image without what changes slowly over it, as light does."""
+    return np.asarray(image - soften(image, SLOW_PX), np.float32)
 
 
 def _without_specks(mask: BoolArray) -> BoolArray:

@@ -32,6 +32,10 @@ _WORTH = 0.8
 _SHADINGS = 0, 3, 5
 """Degrees of the surface of light that may come and go, from none to what shadows as small as a third of a square need:
 a polynomial of degree n bends n - 1 times over it."""
+_LIT = 0.71
+"""Shading must lower the standard deviation to this share, its square to half: light then makes as much of the error as
+all else together. Where it makes less, what a surface takes from the texture, a bias that is in no covariance, is more.
+"""
 _LINEAR_STD = 3e-4
 """Rotation and strain that an ordinary recording makes unseen [1]: the slope of a girder that is bent by 1/10000 of its
 span (pi/10000), as under pedestrians and wind; the limit of serviceability of a footbridge is ten times that."""
@@ -112,22 +116,20 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
     if not std[0] <= USABLE_STD_PX or np.count_nonzero(belief.believed & part) < FEWEST_BELIEVED_PX:
         return refused
     clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
-    across, believed = directions[0], _cut_mask(belief.believed, size)
+    ways, believed = [directions[0]], _cut_mask(belief.believed, size)
     if std[1] <= _SEEN * USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
         tried = _try_shadings(lambda shading: _try_warps(trial, size, clean, shading))
-        seen = clean & _cut_mask(belief.supporting, size)
-        if tried is not None and np.count_nonzero(seen) >= FEWEST_BELIEVED_PX:
-            tried = _try_seen(trial, tried, seen)
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
             if std[1] <= USABLE_STD_PX and values[1] <= _USUAL_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
-            across = axes[:, 0]
-    tried = _try_shadings(lambda shading: _try_edge(trial, size, across, believed, shading))
-    if tried is None or tried[1][0, 0] > USABLE_STD_PX**2:
+            ways.append(axes[:, 0])
+    edges = [_try_shadings(lambda shading, way=way: _try_edge(trial, size, way, believed, shading)) for way in ways]
+    tried = _prefer(edges, _WORTH)
+    if tried is None or tried[1][0, 0] > USABLE_STD_PX**2 or tried[0].across is None:
         return refused
-    return _accept(refused, tried[0], np.array([np.sqrt(tried[1][0, 0]), np.inf]), across)
+    return _accept(refused, tried[0], np.array([np.sqrt(tried[1][0, 0]), np.inf]), tried[0].across)
 
 
 def _try_shadings(attempt: Callable[[int], _Tried | None]) -> _Tried | None:
@@ -136,22 +138,16 @@ def _try_shadings(attempt: Callable[[int], _Tried | None]) -> _Tried | None:
     Light that moves, such as the shadows of leaves, is in the residuals and pulls at the subset; a surface that may
     come and go takes it away, and texture of that size with it.
     """
+    return _prefer([attempt(shading) for shading in _SHADINGS], _LIT)
+
+
+def _prefer(attempts: Sequence[_Tried | None], share: float) -> _Tried | None:
+    """The first attempt, or a later one that lowers the standard deviation to a share; ``None`` where all fail."""
     best: _Tried | None = None
-    for shading in _SHADINGS:
-        tried = attempt(shading)
-        if tried is not None and (best is None or np.trace(tried[1]) < _WORTH**2 * np.trace(best[1])):
+    for tried in attempts:
+        if tried is not None and (best is None or np.trace(tried[1]) < share**2 * np.trace(best[1])):
             best = tried
     return best
-
-
-def _try_seen(trial: Trial, tried: _Tried, seen: BoolArray) -> _Tried:
-    """The same with only those pixels that are seen to move with the point, where that is well more certain.
-
-    What shows no texture tells nothing of its motion, and all of the light on it.
-    """
-    design, covariance = tried
-    found = _try_warps(trial, design.subset_px, seen, design.shading)
-    return tried if found is None or np.trace(found[1]) >= _WORTH**2 * np.trace(covariance) else found
 
 
 def _try_edge(trial: Trial, size: int, across: FloatArray, mask: BoolArray, shading: int) -> _Tried | None:
