@@ -216,7 +216,7 @@ def _weigh(window: Window, smooth: Image, motions: tuple[FloatArray, FloatArray]
     change = first - second
     agree = soften(np.sum(-change * second, axis=0), _AREA_PX)
     spread = np.maximum(soften(np.sum(change * change, axis=0), _AREA_PX), 1e-6)
-    return agree / spread, np.sqrt(noise * _VOTE_NOISE / spread)
+    return np.asarray(agree / spread, np.float32), np.asarray(np.sqrt(noise * _VOTE_NOISE / spread), np.float32)
 
 
 def _find_believed(against: BoolArray, supporting: BoolArray) -> BoolArray:

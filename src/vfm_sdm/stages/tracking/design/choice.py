@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -118,14 +119,14 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
     clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
     ways, believed = [directions[0]], _cut_mask(belief.believed, size)
     if std[1] <= _SEEN * USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
-        tried = _try_shadings(lambda shading: _try_warps(trial, size, clean, shading))
+        tried = _try_shadings(partial(_try_warps, trial, size, clean))
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
             if std[1] <= USABLE_STD_PX and values[1] <= _USUAL_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
             ways.append(axes[:, 0])
-    edges = [_try_shadings(lambda shading, way=way: _try_edge(trial, size, way, believed, shading)) for way in ways]
+    edges = [_try_shadings(partial(_try_edge, trial, size, way, believed)) for way in ways]
     tried = _prefer(edges, _WORTH)
     if tried is None or tried[1][0, 0] > USABLE_STD_PX**2 or tried[0].across is None:
         return refused
