@@ -8,63 +8,43 @@ cameras and tracks whose inputs have not changed are read from it.
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.files import file_fingerprint
-from vfm_sdm.core.netcdf import read_tracks, write_points, write_tracks
+from vfm_sdm.core.files import file_fingerprint, file_hash
 from vfm_sdm.core.parts import Kind
-from vfm_sdm.core.products import Chain, Kept, product
+from vfm_sdm.core.products import Chain, product
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import code_modules, make, settings_read
+from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
-from vfm_sdm.errors import DatasetError, ResultsError, SessionError
+from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.inputs.session import FirstFrames, Session, input_files, open_views, session_hash, write_session
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.outputs.plots import save_figures
-from vfm_sdm.outputs.results import describe_measurement, write_displacement, write_summary
+from vfm_sdm.outputs.results import describe_measurement
+from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, TRACKS
 from vfm_sdm.stages.audit import Audit, AuditInputs, audit
 from vfm_sdm.stages.camera_motion import CameraMotion, steady_tracks
-from vfm_sdm.stages.cameras.solution import CameraSolution, read_solution, write_solution
+from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.cameras.solve import solve_cameras
 from vfm_sdm.stages.displacement.monocular import measure_planar
+from vfm_sdm.stages.displacement.origin import include_origin
 from vfm_sdm.stages.displacement.result import add_facts, state_uncertainty
 from vfm_sdm.stages.displacement.stereo import compute_displacement
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
 from vfm_sdm.stages.synchronize import synchronize_tracks
 from vfm_sdm.stages.tracking.base import DesignedTracker
-from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views, read_injection, write_injection
+from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
 from vfm_sdm.stages.tracking.track_noise import include_static_noise
 from vfm_sdm.stages.tracking.views import track_views
 
 __all__ = ["Measurement", "measure"]
-
-
-def _read_tracks(path: Path) -> tuple[dict[str, xr.Dataset], str]:
-    tracks = read_tracks(path)
-    keys = {str(of_view.attrs.pop("key", "")) for of_view in tracks.values()}
-    return tracks, keys.pop() if len(keys) == 1 else ""
-
-
-def _write_cameras(path: Path, solution: CameraSolution, marks: Mapping[str, str]) -> None:
-    write_solution(path, solution, marks["key"])
-
-
-def _write_tracks(path: Path, tracks: Mapping[str, xr.Dataset], marks: Mapping[str, str]) -> None:
-    write_tracks(path.parent, {view: of_view.assign_attrs(key=marks["key"]) for view, of_view in tracks.items()})
-
-
-def _write_points(path: Path, points: xr.Dataset, marks: Mapping[str, str]) -> None:
-    write_points(path.parent, points.assign_attrs(key=marks["key"]))
-
-
-def _write_displacement(path: Path, displacement: xr.Dataset, marks: Mapping[str, str]) -> None:
-    write_displacement(path.parent, displacement.assign_attrs(marks, versions=package_versions()))
 
 
 class Measurement(Chain[Session]):
@@ -136,7 +116,7 @@ class Measurement(Chain[Session]):
         ),
         needs=("frames",),
         parts=("cameras", "matchers"),
-        kept=Kept("cameras.toml", read_solution, _write_cameras),
+        kept=CAMERAS,
     )
     def cameras(self, session: Session) -> CameraSolution:
         """Cameras, structural axes, and the points' pixels that helped to adjust them to the site."""
@@ -145,7 +125,7 @@ class Measurement(Chain[Session]):
 
     @product(
         needs=("cameras",),
-        kept=Kept("points.nc", None, _write_points),
+        kept=POINTS,
         # A better lens must not cost another pass over the recordings where it leaves the points as they are.
         identity=lambda points: points.to_dict(),
     )
@@ -181,19 +161,21 @@ class Measurement(Chain[Session]):
     @product(
         needs=("recordings", "points", "subsets"),
         parts=("trackers",),
-        kept=Kept("tracks.nc", _read_tracks, _write_tracks),
+        kept=TRACKS,
         label="tracking",
     )
     def tracks(self, session: Session) -> dict[str, xr.Dataset]:
         """Tracks of all points by view, each on its own clock."""
         tracker = self.part("trackers")
-        return track_views(self.recordings, self.points, tracker, subsets=self.subsets, progress=self._say)
+        return track_views(
+            self.recordings, self.points, tracker, subsets=self.subsets, progress=self._say, resume=self.resume()
+        )
 
     @product(
         reads=("method.injection",),
         needs=("recordings", "tracks", "subsets"),
         parts=("trackers",),
-        kept=Kept("injection.nc", read_injection, write_injection),
+        kept=INJECTION,
     )
     def injection(self, session: Session) -> xr.Dataset | None:
         """Gain and noise of every point, by motion put into the recordings; ``None`` where not asked for."""
@@ -247,11 +229,11 @@ class Measurement(Chain[Session]):
 
     @product(
         reads=(
-            *("view.name", "point.name", "point.pixel", "site.length"),
+            *("view.name", "point.name", "point.pixel", "point.static", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
         needs=("cameras", "injected", "steady", "aligned", "refinement", "unrefined"),
-        kept=Kept("displacement.nc", None, _write_displacement, beside=("displacement.csv",)),
+        kept=DISPLACEMENT,
     )
     def displacement(self, session: Session) -> xr.Dataset | None:
         """Displacement with its uncertainty; ``None`` without cameras or scale, as the cameras' status says.
@@ -276,7 +258,7 @@ class Measurement(Chain[Session]):
         stated = state_uncertainty(
             refined,
             self.unrefined,
-            self.aligned,
+            include_origin(self.aligned, [p.name for p in session.point if p.static], method.still_interval_s),
             (rig, self.cameras.frame),
             self.refinement,
             method.sgr.suppressed_axis,
@@ -319,16 +301,44 @@ class Measurement(Chain[Session]):
         """Everything a reviewer asks for, written to ``summary.json``."""
         summary = describe_measurement(self.cameras, self.tracks, self.displacement, self.audit) | {
             "name": session.name,
-            "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
+            "seconds": self.rounded_seconds(),
             "reused_stages": list(self.reused),
             "versions": package_versions(),
-            "session_hash": session_hash(session),
-            # Products that were given were not made of these files, which need not be there.
-            "input_hashes": {} if self.were_given else self.inputs_of(session),
+            **self._identity(session),
         }
         if self.folder is not None:
-            write_summary(self.folder, summary)
+            RunFolder(self.folder).add({**summary, "products": self.in_folder})
         return summary
+
+    def run(self, *names: str) -> Self:
+        """The measurement with these products made, alone in its folder, which holds no other session's results.
+
+        Parameters
+        ----------
+        names
+            Names of products, such as ``cameras`` or ``displacement``.
+
+        Raises
+        ------
+        VfmSdmError
+            Something in the session or its files cannot be used, or another process writes to the folder.
+        """
+        self.check_method()
+        if self.folder is None:
+            for name in names:
+                getattr(self, name)
+            return self
+        folder = RunFolder(self.folder)
+        kept = [one.file for name in self.products() if (one := self.product(name).kept) is not None]
+        folder.check_inputs_stay([path for _, path in input_files(self._session)], kept)
+        with folder.opened(self._identity(self._session)):
+            folder.add({"session_file": file_hash(write_session(self.folder / SESSION, self._session))})
+            for name in names:
+                getattr(self, name)
+            if "figures" in names:
+                folder.keep_figures(self.figures)
+            folder.add({"products": self.in_folder})
+        return self
 
     def check_method(self) -> None:
         """Makes every part that the session asks for before any work is done.
@@ -391,6 +401,18 @@ class Measurement(Chain[Session]):
     def versions(self) -> dict[str, str]:
         """Versions of the packages that compute."""
         return package_versions()
+
+    def rounded_seconds(self) -> dict[str, float]:
+        """Time that each product took [s], by label."""
+        return {name: round(value, 3) for name, value in self.seconds.items()}
+
+    def _identity(self, session: Session) -> dict[str, Any]:
+        """What a run folder holds results of: one session, one set of inputs."""
+        # Products that were given were not made of these files, which need not be there.
+        return {
+            "session_hash": session_hash(session),
+            "input_hashes": {} if self.were_given else self.inputs_of(session),
+        }
 
     def _part(self, kind: Kind) -> Any:
         if kind not in self._parts:
@@ -468,32 +490,11 @@ def measure(
     """
     measurement = Measurement(session, folder, progress=progress, whole_files=whole_files)
     measurement.check_method()
-    if measurement.folder is not None:
-        _prepare_folder(measurement.folder, session)
-        write_session(measurement.folder / "session.resolved.toml", session)
     if forecast is not None and measurement.expectation:
         forecast(measurement.expectation)
-    for name in ("cameras", "points", "tracks", "displacement", "audit", "figures", "summary"):
-        getattr(measurement, name)
+    # What is said of the result comes before what is drawn of it.
+    measurement.run("cameras", "points", "tracks", "displacement", "audit", "summary", "figures")
+    measurement.summary["seconds"] = measurement.rounded_seconds()
+    if measurement.folder is not None:
+        RunFolder(measurement.folder).add({"finished": True, "seconds": measurement.summary["seconds"]})
     return measurement
-
-
-def _prepare_folder(folder: Path, session: Session) -> None:
-    written = {folder.resolve() / kept.file for kept in map(_kept_by, Measurement.products()) if kept is not None}
-    inputs = [path for _, path in input_files(session) if path.resolve() in written]
-    if inputs:
-        raise ResultsError(
-            f"{folder}: expected a folder in which nothing is overwritten that the session reads, got "
-            f"{inputs[0].name}; choose another -o"
-        )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ResultsError(
-            f"{folder}: expected a folder to write to, got {error.strerror}; choose another -o"
-        ) from error
-
-
-def _kept_by(name: str) -> Kept[Any] | None:
-    """How a product is kept."""
-    return Measurement.product(name).kept

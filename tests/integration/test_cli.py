@@ -119,6 +119,24 @@ def test_reference_and_evaluate(command, sensor_file, run_folder, tmp_path):
     assert "100" in out
 
 
+def test_a_file_that_speaks_for_itself_needs_no_options(command, tmp_path):
+    time_s = np.arange(1600) / 200
+    felt = -9.80665 + 2 * np.sin(2 * np.pi * 2.1 * time_s) + np.random.default_rng(0).normal(0, 1e-3, 1600)
+    lines = ["Logger 7", "Time [ms];Vertical [m/s²]"]
+    lines += [f"{5 * n};{value:.6f}".replace(".", ",") for n, value in enumerate(np.maximum(felt, -11.0))]
+    (tmp_path / "acc.csv").write_text("\n".join(lines), encoding="utf-16")
+    status, out, err = command("reference", tmp_path / "acc.csv", "-o", tmp_path / "ref.nc", "--hampel", "off")
+    assert status == 1
+    assert "clipped at the end of the sensor's range" in err
+    lines[2:] = [f"{5 * n};{value:.6f}".replace(".", ",") for n, value in enumerate(felt)]
+    lines[500] = lines[500].split(";")[0] + ";"
+    (tmp_path / "acc.csv").write_text("\n".join(lines), encoding="utf-16")
+    status, out, _ = command("reference", tmp_path / "acc.csv", "-o", tmp_path / "ref.nc")
+    assert status == 0
+    assert "vertical p-p" in out
+    assert "note: 'acc', vertical: 1 samples, from 2.49 to 2.49 s, are missing" in " ".join(out.split())
+
+
 def test_a_path_is_printed_in_one_piece(command, monkeypatch, sensor_file, tmp_path):
     monkeypatch.setattr(cli._out, "width", 30)
     output = tmp_path / "my [bold] bridge, spring and autumn" / "ref.nc"

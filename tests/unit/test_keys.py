@@ -52,6 +52,7 @@ READERS = {
     "method.synchronization": ("aligned", "audit"),
     "method.camera_motion": ("steady", "audit"),
     "method.injection": ("injection", "audit"),
+    "method.scale_limit": ("audit",),
     "method.still_interval_s": ("refinement", "unrefined", "displacement", "audit"),
     "method.subset_px": ("expectation", "cameras", "subsets", "tracks", "audit"),
     "method.network": ("audit",),

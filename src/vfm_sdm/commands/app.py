@@ -29,6 +29,7 @@ from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions
 from vfm_sdm.core.progress import Progress as Callback
 from vfm_sdm.core.registry import find
+from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.errors import DatasetError, VfmSdmError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
@@ -57,8 +58,9 @@ _WholeFiles = Annotated[
 
 _RECIPE, _CLOCK = RecipeOptions(), ClockOptions()
 
-_out = Console()
-_err = Console(stderr=True)
+# Names in square brackets are names, no markup.
+_out = Console(markup=False)
+_err = Console(stderr=True, markup=False)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -72,7 +74,7 @@ def main(words: Sequence[str] | None = None) -> None:
     try:
         app(words)
     except VfmSdmError as error:
-        _err.print(f"vfm-sdm: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        _err.print(f"vfm-sdm: {error}", style="red", highlight=False, soft_wrap=True)
         sys.exit(1)
     except KeyboardInterrupt:
         _err.print("vfm-sdm: interrupted; finished stages are kept and the next run reuses them")
@@ -126,7 +128,7 @@ def cameras(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles 
     """Only cameras, axes and the points' places in every view: writes cameras.toml."""
     settings = read_session(session)
     with _progress() as progress:
-        solution = Measurement(settings, output, progress=progress, whole_files=whole_files).cameras
+        solution = Measurement(settings, output, progress=progress, whole_files=whole_files).run("cameras").cameras
     for part in reports.camera_report(solution):
         _out.print(part)
     _say(f"written: {output / 'cameras.toml'}")
@@ -137,7 +139,7 @@ def track(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = 
     """Follow the points in every view: writes cameras.toml, points.nc and tracks.nc. Works with a single view, too."""
     settings = read_session(session)
     with _progress() as progress:
-        tracks = Measurement(settings, output, progress=progress, whole_files=whole_files).tracks
+        tracks = Measurement(settings, output, progress=progress, whole_files=whole_files).run("tracks").tracks
     _out.print(reports.track_table(tracks))
     _say(f"written: {output / 'tracks.nc'}")
 
@@ -148,7 +150,7 @@ def displacement(session: _SessionFile, *, output: _Output, whole_files: _WholeF
     settings = read_session(session)
     with _progress() as progress:
         measurement = Measurement(settings, output, progress=progress, whole_files=whole_files)
-        result = measurement.displacement
+        result = measurement.run("displacement").displacement
     if result is None:
         _fail(f"no displacement: {measurement.cameras.status}")
     _out.print(reports.displacement_table(result))
@@ -157,22 +159,24 @@ def displacement(session: _SessionFile, *, output: _Output, whole_files: _WholeF
 
 @app.command
 def reference(
-    *files: Annotated[Path, Parameter(help="CSV files, one a sensor, recorded on one clock.")],
+    *files: Annotated[Path, Parameter(help="CSV files of any usual dialect, one a sensor, on one clock.")],
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="File to write, such as reference.nc.")],
     sensor: Annotated[tuple[str, ...], Parameter(help="Name of the sensor in each file; that of the file else.")] = (),
     column: Annotated[
         tuple[str, ...],
         Parameter(
-            help="Which column holds what, such as vertical=-az or time=t; again for each. A - reverses the sign."
+            help="Which column holds what, such as vertical=-az or 'time=t in ms'; again for each. - reverses the sign."
         ),
     ] = (),
-    units: Annotated[Literal["g", "m/s2", "mm", "m"], Parameter(help="Of the files' values.")] = "g",
+    units: Annotated[
+        SensorUnits | None, Parameter(help="Of the files' values; those of their header else, and g where it has none.")
+    ] = None,
     rate: Annotated[float | None, Parameter(help="Samples a second, for files without a time column.")] = None,
     recipe: RecipeOptions = _RECIPE,
 ) -> None:
     """Accelerometers' recordings to reference displacement, by the paper's recipe: writes a netCDF file.
 
-    Recordings of displacement (units mm or m) are taken as they are.
+    Recordings of displacement (units mm, m, cm or um) are taken as they are.
     """
     result = read_sensors(
         files,
@@ -183,6 +187,7 @@ def reference(
         settings=recipe.settings(),
     )
     _out.print(reports.reference_table(result))
+    _note(result.attrs.get("notes", ()))
     _say(f"written: {write_reference(output, result)}")
 
 
@@ -208,8 +213,7 @@ def evaluate(
         clock=clock.settings(),
     )
     _out.print(reports.evaluation_table(result))
-    for note in result.notes:
-        _out.print(f"note: {note}", style="yellow", markup=False, highlight=False)
+    _note(result.notes)
     _say(f"written: {write_evaluation(run, result)}")
     if not result.scored_rows:
         _fail(f"no figures: {result.notes[-1]}")
@@ -268,7 +272,7 @@ def fetch(
 def info() -> None:
     """Versions, processors, codecs, and which back ends can run here and why others cannot."""
     for name, lines in describe_environment().items():
-        _out.print(f"[bold]{name}[/bold]")
+        _out.print(name, style="bold")
         for line in lines:
             _say(f"  {line}")
 
@@ -279,7 +283,7 @@ def _acknowledged(name: str) -> bool:
         return False
     one = CHECKPOINTS[name]
     for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
-        _err.print(line, markup=False, highlight=False)
+        _err.print(line, highlight=False)
     return Confirm.ask("Have you read this licence, and do you accept it?", console=_err, default=False)
 
 
@@ -289,13 +293,19 @@ def _forecast(output: Path) -> Callable[[Mapping[str, xr.Dataset]], None] | None
 
 
 def _say(line: str) -> None:
-    """Prints a line as it is: the terminal's edge breaks no path, and brackets in it are no markup."""
-    _out.print(line, markup=False, highlight=False, soft_wrap=True)
+    """Prints a line as it is: the terminal's edge breaks no path."""
+    _out.print(line, highlight=False, soft_wrap=True)
+
+
+def _note(notes: Sequence[str]) -> None:
+    """Prints what a reader must know."""
+    for note in notes:
+        _out.print(f"note: {note}", style="yellow", highlight=False)
 
 
 def _fail(reason: str) -> NoReturn:
     """Ends with status 3: the input was right, the data did not allow a result."""
-    _err.print(f"vfm-sdm: {reason}", style="red", markup=False, highlight=False, soft_wrap=True)
+    _err.print(f"vfm-sdm: {reason}", style="red", highlight=False, soft_wrap=True)
     sys.exit(3)
 
 
@@ -315,7 +325,7 @@ def _progress() -> Iterator[Callback]:
     """A progress bar on the terminal, one line for each thing done; silent where output is not a terminal."""
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),

@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 from vfm_sdm.analysis.evaluation import ReferenceClock
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings
+from vfm_sdm.inputs.sensors.outliers import HampelUse
 
 __all__ = ["ClockOptions", "RecipeOptions"]
 
@@ -20,9 +21,16 @@ class RecipeOptions:
     band: Annotated[tuple[float, float], Parameter(help="Lowest and highest frequency in Hz.")] = (1.0, 10.0)
     integration: Annotated[Literal["trapezoid", "spline"], Parameter(help="Rule of integration.")] = "trapezoid"
 
+    hampel: Annotated[
+        HampelUse,
+        Parameter(
+            help="Replace outliers: on, as in the paper; off; auto, lone samples alone where it would cut impacts."
+        ),
+    ] = "auto"
+
     def settings(self) -> RecipeSettings:
         """Settings of the recipe as the library knows them."""
-        return RecipeSettings(onset_s=self.onset, band_hz=self.band, integration=self.integration)
+        return RecipeSettings(onset_s=self.onset, band_hz=self.band, integration=self.integration, hampel=self.hampel)
 
 
 @Parameter(name="*")

@@ -1,6 +1,6 @@
 """What a command prints: short tables that can be read on a windy bank."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,6 +47,8 @@ _WORTH_SAYING_S = 0.05
 _WORTH_SAYING_SHARE = 0.95
 _LEVEL_DEG = 15.0
 _SUMMARY_ROWS = 2
+_NAME_WIDTH = 16
+"""Letters of a name that every table has room for."""
 """Mean and standard deviation, at the end of a table."""
 
 
@@ -89,8 +91,10 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
             shown = f" {check.value:.3g}{units}{limit}"
         yield Text(f" {check.outcome}: {check.name}{shown}: {check.sentence}", style=style)
     passed = sum(check.outcome is Outcome.PASS for check in audit.checks)
-    colour = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.REFUSED: "red"}[audit.verdict]
-    reasons = f": {'; '.join(check.name for check in audit.flagged)}" if audit.flagged else ""
+    colour = {Verdict.FIT: "green", Verdict.REFUSED: "red"}.get(audit.verdict, "yellow")
+    named = [check.name for check in audit.flagged]
+    named += [f"{check.name} not checked" for check in audit.missing]
+    reasons = f": {'; '.join(named)}" if named else ""
     yield Text(
         f"verdict: {audit.verdict}{reasons} ({passed} of {len(audit.checks)} checks passed)", style=f"bold {colour}"
     )
@@ -173,7 +177,10 @@ def displacement_table(displacement: xr.Dataset) -> Table:
         "f [Hz]",
         "valid [%]",
     ):
-        table.add_column(Text(name), justify="left" if name in ("point", "axis") else "right", no_wrap=name == "axis")
+        if name == "point":
+            _add_name_column(table, name, displacement["point"].values)
+        else:
+            table.add_column(Text(name), justify="left" if name == "axis" else "right", no_wrap=name == "axis")
     for point, figures in summarize_displacement(displacement).items():
         for number, (axis, values) in enumerate(figures["axes"].items()):
             table.add_row(
@@ -199,7 +206,10 @@ def budget_table(displacement: xr.Dataset) -> Table:
     )
     components = [str(name) for name in displacement["component"].values]
     for name in ("point", "axis", *components, "expanded k=2"):
-        table.add_column(Text(name), justify="left" if name in ("point", "axis") else "right", no_wrap=name == "axis")
+        if name == "point":
+            _add_name_column(table, name, displacement["point"].values)
+        else:
+            table.add_column(Text(name), justify="left" if name == "axis" else "right", no_wrap=name == "axis")
     for point, figures in summarize_displacement(displacement).items():
         for number, (axis, values) in enumerate(figures["axes"].items()):
             budget = values["budget_mm"] or {}
@@ -217,7 +227,10 @@ def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
     """Motion in pixels and frames by status, a view and point."""
     table = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("view", "point", "range u [px]", "range v [px]", "median std [px]", *STATUS_MEANINGS[:4]):
-        table.add_column(Text(name), justify="left" if name in ("view", "point") else "right")
+        if name == "point":
+            _add_name_column(table, name, [p for of_view in tracks.values() for p in of_view["point"].values])
+        else:
+            table.add_column(Text(name), justify="left" if name == "view" else "right")
     for view, of_view in tracks.items():
         for point in of_view["point"].values:
             one = of_view.sel(point=point)
@@ -240,7 +253,10 @@ def reference_table(reference: xr.Dataset) -> Table:
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     axes = [str(axis) for axis in reference["axis"].values]
     for name in ("sensor", "onset [s]", "samples", "outliers", *(f"{axis} p-p [mm]" for axis in axes)):
-        table.add_column(Text(name), justify="left" if name == "sensor" else "right")
+        if name == "sensor":
+            _add_name_column(table, name, reference["sensor"].values)
+        else:
+            table.add_column(Text(name), justify="right")
     for sensor in reference["sensor"].values:
         one = reference.sel(sensor=sensor)
         spans = one["displacement"].max("time") - one["displacement"].min("time")
@@ -266,7 +282,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     if lag is not None and lag.ok:
         title += f", lag {1e3 * lag.lag_s:.1f} +- {1e3 * lag.lag_std_s:.1f} ms"
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=0)
-    table.add_column("point", min_width=8)
+    _add_name_column(table, "point", [row.point for row in evaluation.rows])
     table.add_column("axis", no_wrap=True)
     for name in ("NRMSE", "corr.", "RPPAE", "gain", "skill", "lag ms", "cover %", "RMS mm"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -323,6 +339,12 @@ def _score_table(title: Text, source: "ProtocolTable", suffix: str) -> Table:
     for row in source.rows:
         table.add_row(*(c if isinstance(c := row[n], str) else _number(c, "{:.3f}") for n in chosen))
     return table
+
+
+def _add_name_column(table: Table, title: str, names: Iterable[str]) -> None:
+    """A column of names that shows them whole: long ones go on in the next line."""
+    longest = max((len(str(name)) for name in names), default=0)
+    table.add_column(Text(title), min_width=min(max(longest, len(title)), _NAME_WIDTH), overflow="fold")
 
 
 def _number(value: float | None, form: str, factor: float = 1.0) -> str:

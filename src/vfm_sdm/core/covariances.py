@@ -93,10 +93,8 @@ def measured_variance(covariance: FloatArray, across: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    covariance
-        Covariances of P points, shape (..., P, 2, 2) [px2].
-    across
-        Unit vectors across their edges, shape (P, 2) [1]; NaN for points that are none.
+    covariance, across
+        As in `judged_std`.
 
     Returns
     -------
@@ -105,10 +103,8 @@ def measured_variance(covariance: FloatArray, across: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> post = np.diag([0.01, 1e6])
-    >>> across = np.array([[1.0, 0.0], [np.nan, np.nan]])
-    >>> measured_variance(np.stack([post, 0.01 * np.eye(2)]), across).round(6).tolist()
-    [0.01, 0.02]
+    >>> measured_variance(np.diag([0.01, 0.03])[None], np.full((1, 2), np.nan)).round(6).tolist()
+    [0.04]
     """
     both = np.einsum("...pii->...p", covariance)
     edge = np.isfinite(across).all(axis=-1)

@@ -33,13 +33,20 @@ def check_variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], units:
 
 
 def check_clock(dataset: xr.Dataset) -> None:
-    """Refuses time stamps [s] that are not finite and increasing.
+    """Refuses time stamps that are not there, not in seconds, not finite or not increasing.
 
     Raises
     ------
     DatasetError
         The stamps are not as expected.
     """
+    if "time" not in dataset.coords:
+        raise DatasetError("time: expected a coordinate of time stamps in seconds, got none; write it with units 's'")
+    units = dataset["time"].attrs.get("units")
+    if units != "s":
+        raise DatasetError(
+            f"time: expected units 's', got {units!r}; convert the stamps to seconds and set units to 's'"
+        )
     time_s = dataset["time"].values
     if not np.isfinite(time_s).all() or np.any(np.diff(time_s) <= 0):
         raise DatasetError("time: expected finite, increasing seconds, got repeated or falling stamps; sort the frames")

@@ -68,7 +68,17 @@ class Status:
 
 _SEVERITY = np.array([0, 2, 3, 1, 4])
 """Severity of the codes of `Status`, in their order."""
-_UNIT_FACTORS = {("m", "mm"): 1e3, ("mm", "m"): 1e-3, ("g", "m/s2"): 9.80665, ("m/s2", "g"): 1 / 9.80665}
+_UNIT_FACTORS = {
+    ("m", "mm"): 1e3,
+    ("mm", "m"): 1e-3,
+    ("cm", "mm"): 10.0,
+    ("um", "mm"): 1e-3,
+    ("g", "m/s2"): 9.80665,
+    ("m/s2", "g"): 1 / 9.80665,
+    ("mg", "m/s2"): 9.80665e-3,
+    ("cm/s2", "m/s2"): 1e-2,
+    ("mm/s2", "m/s2"): 1e-3,
+}
 
 
 def status_variable(dims: Sequence[str], codes: npt.ArrayLike) -> xr.Variable:

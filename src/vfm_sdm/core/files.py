@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,12 +13,14 @@ import numpy as np
 
 from vfm_sdm.errors import ResultsError
 
-__all__ = ["file_fingerprint", "file_hash", "replace_file", "write_json"]
+__all__ = ["file_fingerprint", "file_hash", "remove_orphans", "replace_file", "write_file", "write_json"]
 
 _BLOCK_BYTES = 1 << 20
 _WHOLE_BYTES = 16 << 20
 """Files up to this size are always read whole."""
 _SAMPLES, _SAMPLE_BYTES = 64, 64 << 10
+_TEMPORARY = re.compile(r"\..+-[0-9a-f]{8}(\.\w+)?")
+"""Names that `replace_file` gives to what it has not finished."""
 
 
 @contextmanager
@@ -55,6 +58,65 @@ def replace_file(path: Path | str) -> Iterator[Path]:
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_file(path: Path | str, content: bytes | memoryview | str) -> Path:
+    """Writes a file that is complete in memory, whole or not at all; returns its path.
+
+    Libraries that write by themselves may end the process where a disk is full; they write to memory, and this writes
+    the file.
+
+    Parameters
+    ----------
+    path
+        The file to make or replace; its folder is made when absent.
+    content
+        All of it; text is encoded as UTF-8.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written; an earlier one is as it was.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     print(write_file(f"{folder}/notes.txt", "whole").read_text())
+    whole
+    """
+    target = Path(path)
+    try:
+        with replace_file(target) as temporary:
+            temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL
+        reason = getattr(error, "strerror", None) or error
+        raise ResultsError(
+            f"{target}: expected to write it, got: {reason}; choose another folder, or free space"
+        ) from error
+    return target
+
+
+def remove_orphans(folder: Path | str) -> list[str]:
+    """Removes what killed processes left half-written in a folder; the names that were removed.
+
+    Parameters
+    ----------
+    folder
+        A folder into which nobody writes now; its subfolders are not looked at.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, ".tracks-01234567.nc").write_bytes(b"half")
+    ...     print(remove_orphans(folder))
+    ['.tracks-01234567.nc']
+    """
+    orphans = [path for path in sorted(Path(folder).glob(".*")) if _TEMPORARY.fullmatch(path.name) and path.is_file()]
+    for path in orphans:
+        path.unlink(missing_ok=True)
+    return [path.name for path in orphans]
 
 
 def file_hash(path: Path | str) -> str:
@@ -159,12 +221,7 @@ def write_json(path: Path, content: Mapping[str, Any], *, label: str) -> Path:
     }
     """
     text = json.dumps(_convert_for_json(content, label), indent=2, ensure_ascii=False, allow_nan=False)
-    try:
-        with replace_file(path) as temporary:
-            temporary.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ResultsError(f"{path}: expected to write it, got: {error}; choose another folder") from error
-    return path
+    return write_file(path, text + "\n")
 
 
 def _convert_for_json(value: Any, label: str) -> Any:

@@ -1,8 +1,10 @@
 """Labelled data to netCDF and back without loss: any dataset, ``tracks.nc`` and ``displacement.nc``."""
 
+import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.datasets import check_displacement, check_points, check_tracks
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 from vfm_sdm.errors import DatasetError, ResultsError
 
 __all__ = [
@@ -27,6 +29,10 @@ __all__ = [
 
 _ENGINE: Final = "h5netcdf"
 _JSON = "json:"
+_MARK: Final = "vfm_sdm_sealed"
+"""Attribute of files that have a seal, so that one whose end is lost is not taken for another program's."""
+_SEAL: Final = b"\nvfm-sdm sha256 "
+_DIGITS: Final = 64
 _READ_ERRORS = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, AssertionError)
 """Errors of xarray, h5netcdf and HDF5 on files that are damaged or hold something else."""
 
@@ -56,9 +62,9 @@ def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
     ...     print(read_dataset(path, lambda found: found, kind="lengths", command="make").attrs)
     {'notes': ['measured', None]}
     """
-    target, stored = Path(path), storable(dataset)
-    _write(target, lambda path: stored.to_netcdf(path, engine=_ENGINE, encoding=_choose_compression(stored)))
-    return target
+    stored = storable(dataset).assign_attrs({_MARK: "sha256"})
+    content = stored.to_netcdf(engine=_ENGINE, encoding=_choose_compression(stored))
+    return write_file(path, _sealed(content))
 
 
 def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *, kind: str, command: str) -> xr.Dataset:
@@ -79,8 +85,8 @@ def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *,
         The file is missing, damaged or holds something else.
     """
     with (
-        _translate_errors(Path(path), kind, command),
-        xr.open_dataset(path, engine=_ENGINE, decode_times=False) as dataset,
+        _open_sealed(Path(path), kind, command) as stream,
+        xr.open_dataset(stream, engine=_ENGINE, decode_times=False) as dataset,
     ):
         return check(_restore(dataset.load()))
 
@@ -118,10 +124,11 @@ def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -
         if not name or "/" in name or name == ".":
             raise ResultsError(f"{target}: expected view names without slashes, got {name!r}; rename the view")
     groups = {f"/{name}": storable(check_tracks(tracks)) for name, tracks in tracks_by_view.items()}
-    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"views": _JSON + json.dumps(list(tracks_by_view))}), **groups})
+    tree = xr.DataTree.from_dict(
+        {"/": xr.Dataset(attrs={_MARK: "sha256", "views": _JSON + json.dumps(list(tracks_by_view))}), **groups}
+    )
     encoding: dict[str, Any] = {name: _choose_compression(group) for name, group in groups.items()}
-    _write(target, lambda path: tree.to_netcdf(path, engine=_ENGINE, encoding=encoding))
-    return target
+    return write_file(target, _sealed(tree.to_netcdf(engine=_ENGINE, encoding=encoding)))
 
 
 def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
@@ -144,8 +151,8 @@ def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
     """
     file = _find_file(path, "tracks.nc")
     with (
-        _translate_errors(file, "tracks", "vfm-sdm track"),
-        xr.open_datatree(file, engine=_ENGINE, decode_times=False) as tree,
+        _open_sealed(file, "tracks", "vfm-sdm track") as stream,
+        xr.open_datatree(stream, engine=_ENGINE, decode_times=False) as tree,
     ):
         views = _decode(tree.attrs).get("views", list(tree.children))
         return {name: check_tracks(_restore(tree.children[name].to_dataset().load())) for name in views}
@@ -240,24 +247,42 @@ def _find_file(path: Path | str, name: str) -> Path:
 
 
 @contextmanager
-def _translate_errors(file: Path, kind: str, command: str) -> Iterator[None]:
-    """Turns errors of reading a file into errors of the result that it should hold."""
-    if not file.is_file():
-        raise ResultsError(f"{file}: expected {kind}, got no such file; check the folder or run `{command}`")
+def _open_sealed(file: Path, kind: str, command: str) -> Iterator[BytesIO]:
+    """A whole file in memory; errors of reading it become errors of the result that it should hold.
+
+    HDF5 can loop for ever on a file of which a page was lost, so nothing is given to it that is not as it was written.
+    """
     try:
-        yield
+        content = file.read_bytes()
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+        raise ResultsError(f"{file}: expected {kind}, got no such file; check the folder or run `{command}`") from None
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{file}: expected {kind} that can be read, got: {error}; check the path") from error
+    try:
+        with BytesIO(_unsealed(content)) as stream:
+            yield stream
     except DatasetError as error:
         raise ResultsError(f"{file}: expected {kind}, got something else ({error}); run `{command}` again") from error
     except _READ_ERRORS as error:
         raise ResultsError(f"{file}: expected {kind}, got a damaged file ({error}); run `{command}` again") from error
 
 
-def _write(target: Path, write: Callable[[Path], object]) -> None:
-    try:
-        with replace_file(target) as temporary:
-            write(temporary)
-    except OSError as error:
-        raise ResultsError(f"{target}: expected to write it, got: {error}; free space or choose a folder") from error
+def _sealed(content: bytes | memoryview) -> bytes:
+    """A netCDF file with its SHA-256 behind its end, which readers of HDF5 do not look at."""
+    return bytes(content) + _SEAL + hashlib.sha256(content).hexdigest().encode()
+
+
+def _unsealed(content: bytes) -> bytes:
+    """The netCDF file of a sealed one; of other programs' files, which have no seal, the file as it is."""
+    inside, seal, digest = content[:-_DIGITS], content[-_DIGITS - len(_SEAL) : -_DIGITS], content[-_DIGITS:]
+    if seal != _SEAL:
+        if _MARK.encode() in content:
+            raise ValueError("its end is missing")
+        return content
+    inside = inside[: -len(_SEAL)]
+    if hashlib.sha256(inside).hexdigest().encode() != digest:
+        raise ValueError("its content is not what was written")
+    return inside
 
 
 def _choose_compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
@@ -296,6 +321,7 @@ def storable(dataset: xr.Dataset) -> xr.Dataset:
 def _restore(dataset: xr.Dataset) -> xr.Dataset:
     copy = dataset.copy()
     copy.attrs = _decode(copy.attrs)
+    copy.attrs.pop(_MARK, None)
     for name in copy.variables:
         copy[name].attrs = _decode(copy[name].attrs)
     return copy

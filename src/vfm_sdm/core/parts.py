@@ -248,6 +248,7 @@ _AUDIT = _STAGES + "audit."
 _CHECKS = {
     "site": Part(_AUDIT + "geometry:check_site"),
     "baseline": Part(_AUDIT + "geometry:check_baseline"),
+    "scale": Part(_AUDIT + "scale:check_scale"),
     "epipolar-level": Part(_AUDIT + "geometry:check_epipolar_level"),
     "epipolar-motion": Part(_AUDIT + "geometry:check_epipolar_motion"),
     "agreement": Part(_AUDIT + "geometry:check_agreement"),
@@ -264,6 +265,7 @@ _CHECKS = {
     "signal": Part(_AUDIT + "signal:check_signal"),
     "gain": Part(_AUDIT + "signal:check_gain"),
     "recording": Part(_AUDIT + "signal:check_recording"),
+    "duration": Part(_AUDIT + "signal:check_duration"),
     "refinement": Part(_AUDIT + "signal:check_refinement"),
 }
 

@@ -11,8 +11,9 @@ import inspect
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, Protocol, Self, TypeVar, cast, overload
 
@@ -20,7 +21,7 @@ from vfm_sdm.core.code import code_hash, modules_used
 from vfm_sdm.core.parts import Kind
 from vfm_sdm.errors import ResultsError
 
-__all__ = ["Chain", "Kept", "Product", "Settings", "product"]
+__all__ = ["Chain", "Kept", "Product", "Resume", "Settings", "product"]
 
 T = TypeVar("T")
 S = TypeVar("S", bound="Settings")
@@ -65,6 +66,22 @@ class Kept(Generic[T]):
     read: Callable[[Path], tuple[T, str]] | None
     write: Callable[[Path, T, Mapping[str, str]], object]
     beside: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Resume(Generic[T]):
+    """Product in the making, as far as it has come, for a later run where this one is cut short.
+
+    Parameters
+    ----------
+    found
+        What an earlier run kept of the same product made of the same inputs; ``None`` where there is nothing.
+    keep
+        Function that keeps the product so far, in a form that its file can hold.
+    """
+
+    found: T | None
+    keep: Callable[[T], None]
 
 
 @dataclass(frozen=True)
@@ -155,6 +172,8 @@ class Chain(Generic[S]):
         How often each product was made, by name.
     were_given
         Names of the products that were given instead of made.
+    in_folder
+        Keys of the products that were read from the folder or written to it, by name.
     """
 
     def __init__(self, settings: S, folder: Path | None) -> None:
@@ -163,6 +182,7 @@ class Chain(Generic[S]):
         self.reused: list[str] = []
         self.made: dict[str, int] = {}
         self.were_given: set[str] = set()
+        self.in_folder: dict[str, str] = {}
         self._settings = settings
         self._values: dict[str, Any] = {}
         self._keys: dict[str, str] = {}
@@ -293,6 +313,7 @@ class Chain(Generic[S]):
                 known = ""  # of another version, or damaged: it is made again
             if known == key:
                 self.reused.append(wanted.label)
+                self.in_folder[wanted.name] = key
                 return found
         settings = self._narrow_settings(wanted)
         self._asking.append(wanted)
@@ -309,7 +330,22 @@ class Chain(Generic[S]):
                     path.with_name(name).unlink(missing_ok=True)
             else:
                 wanted.kept.write(path, value, {"key": key, **self.marks()})
+                self.in_folder[wanted.name] = key
         return value
+
+    def resume(self) -> "Resume[Any] | None":
+        """How the product in the making goes on where an earlier run was cut short; ``None`` without a file for it."""
+        wanted = self._asking[-1]
+        kept = wanted.kept
+        if self.folder is None or kept is None or kept.read is None:
+            return None
+        path, found = self.folder / kept.file, None
+        marks = {"key": f"{self._compute_input_key(wanted)} unfinished", **self.marks()}
+        if path.exists():
+            with suppress(ResultsError):
+                value, known = kept.read(path)
+                found = value if known == marks["key"] else None
+        return Resume(found, partial(_keep, kept, path, marks))
 
     def _compute_input_key(self, wanted: Product[Any]) -> str:
         """Key of the inputs of a product, also where the product's own key is its content."""
@@ -354,3 +390,7 @@ class Chain(Generic[S]):
             self.seconds[label] = self.seconds.get(label, 0.0) + whole - self._inside_s.pop()
             if self._inside_s:
                 self._inside_s[-1] += whole
+
+
+def _keep(kept: Kept[T], path: Path, marks: Mapping[str, str], value: T) -> None:
+    kept.write(path, value, marks)

@@ -6,7 +6,7 @@ A sensor's own clock, even: dims ``time, sensor, axis``; ``acceleration`` [m/s2]
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +16,21 @@ from vfm_sdm.core.arrays import clock_departure
 from vfm_sdm.core.dataset_checks import check_clock, check_variable
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["ReferenceFacts", "check_acceleration", "check_reference", "make_acceleration", "make_reference"]
+__all__ = [
+    "ACCELERATION_UNITS",
+    "SENSOR_UNITS",
+    "ReferenceFacts",
+    "SensorUnits",
+    "check_acceleration",
+    "check_reference",
+    "make_acceleration",
+    "make_reference",
+]
 
+SensorUnits = Literal["g", "mg", "m/s2", "cm/s2", "mm/s2", "mm", "m", "cm", "um"]
+"""Units that a recording of a sensor may have: accelerations, then displacements."""
+SENSOR_UNITS: tuple[str, ...] = get_args(SensorUnits)
+ACCELERATION_UNITS = SENSOR_UNITS[: SENSOR_UNITS.index("mm")]
 _SENSOR_DIMS = ("time", "sensor", "axis")
 _UNEVEN = 0.01
 """Share of the sampling interval by which a time stamp of a sensor's clock may be off: its stamps are computed from the

@@ -14,6 +14,7 @@ __all__ = [
     "InjectionStatus",
     "Outcome",
     "PointStatus",
+    "ReadingStatus",
     "RecordingStatus",
     "RefinementStatus",
     "SampleStatus",
@@ -34,6 +35,18 @@ class SampleStatus(StrEnum):
     """Found, but with low correlation or large uncertainty; the value is kept, to be used with care."""
     BEHIND = "behind_camera"
     """Triangulated behind a camera: the rays do not meet in front of both; NaN. In displacement only."""
+
+
+class ReadingStatus(StrEnum):
+    """Status of a sample of a sensor's recording; the members are in the order of the codes."""
+
+    OK = "ok"
+    MISSING = "missing"
+    """Not recorded; NaN."""
+    CLIPPED = "clipped"
+    """At the end of the sensor's range: the structure went further."""
+    STUCK = "stuck"
+    """The last value again, while the structure moved."""
 
 
 class RecordingStatus(StrEnum):
@@ -187,4 +200,5 @@ class Verdict(StrEnum):
 
     FIT = "fit to use"
     CARE = "use with care"
+    NOT_JUDGED = "not judged"
     REFUSED = "do not use"

@@ -1,5 +1,7 @@
 """Distortion of a lens with the five coefficients of Brown and Conrady, its derivative and its inverse."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
@@ -7,6 +9,8 @@ from vfm_sdm.core.arrays import FloatArray
 __all__ = ["distort", "distort_derivative", "squared_fold_radius", "undistort"]
 
 _UNDISTORT_ITERATIONS = 20
+_UNDISTORTED, _CONVERGED = 1e-13, 1e-9
+"""Step below which Newton's method ends, and error from which on it has not found the point [1]."""
 _NO_DISTORTION = 1e-12
 """Coefficients below this move no pixel; their polynomial's roots would overflow."""
 
@@ -106,27 +110,37 @@ def undistort(distorted: FloatArray, coefficients: FloatArray) -> FloatArray:
     """
     if not np.any(coefficients):
         return distorted.copy()
-    point = distorted.copy()
-    for _ in range(_UNDISTORT_ITERATIONS):
-        error = distort(point, coefficients) - distorted
-        slope = distort_derivative(point, coefficients)
-        jxx, jxy, jyy = slope[..., 0, 0], slope[..., 0, 1], slope[..., 1, 1]
-        determinant = jxx * jyy - jxy * jxy
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.stack(
-                [
-                    (jyy * error[..., 0] - jxy * error[..., 1]) / determinant,
-                    (jxx * error[..., 1] - jxy * error[..., 0]) / determinant,
-                ],
-                axis=-1,
-            )
-        point = point - step
-        if np.nanmax(np.abs(step), initial=0.0) < 1e-13:
-            break
-    # Beyond the fold the polynomial turns back, and Newton may land on a mirrored branch that fits equally well.
-    on_first_branch = (point**2).sum(axis=-1) < squared_fold_radius(coefficients)
-    converged = np.abs(distort(point, coefficients) - distorted).max(axis=-1) < 1e-9
-    return np.where((on_first_branch & converged)[..., None], point, np.nan)
+    k1, k2, p1, p2, k3 = np.asarray(coefficients, np.float64).tolist()
+    wanted_x, wanted_y = np.moveaxis(distorted, -1, 0).copy()
+    x, y = wanted_x.copy(), wanted_y.copy()
+    fold, largest = _known_fold_radius(k1, k2, k3), np.inf
+    # As in `distort` and `distort_derivative`, which share most of their terms.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for iteration in range(_UNDISTORT_ITERATIONS + 1):
+            xx, yy, xy = x * x, y * y, x * y
+            r2 = xx + yy
+            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            error_x = x * radial + 2 * p1 * xy + p2 * (r2 + 2 * xx) - wanted_x
+            error_y = y * radial + p1 * (r2 + 2 * yy) + 2 * p2 * xy - wanted_y
+            if iteration == _UNDISTORT_ITERATIONS or largest < _UNDISTORTED:
+                break
+            slope = 2 * (k1 + r2 * (2 * k2 + 3 * k3 * r2))
+            jxx = radial + slope * xx + 2 * p1 * y + 6 * p2 * x
+            jxy = slope * xy + 2 * p1 * x + 2 * p2 * y
+            jyy = radial + slope * yy + 6 * p1 * y + 2 * p2 * x
+            determinant = jxx * jyy - jxy * jxy
+            step_x = (jyy * error_x - jxy * error_y) / determinant
+            step_y = (jxx * error_y - jxy * error_x) / determinant
+            x, y = x - step_x, y - step_y
+            largest = np.nanmax(np.maximum(np.abs(step_x), np.abs(step_y)), initial=0.0)
+        # Beyond the fold the polynomial turns back, and Newton may land on a mirrored branch that fits equally well.
+        sound = (r2 < fold) & (np.maximum(np.abs(error_x), np.abs(error_y)) < _CONVERGED)
+    return np.where(sound[..., None], np.stack([x, y], axis=-1), np.nan)
+
+
+@lru_cache(maxsize=256)
+def _known_fold_radius(k1: float, k2: float, k3: float) -> float:
+    return squared_fold_radius(np.array([k1, k2, 0.0, 0.0, k3]))
 
 
 def squared_fold_radius(coefficients: FloatArray) -> float:

@@ -1,7 +1,8 @@
 """Propagation of the uncertainty of pixels and cameras to displacement (first order, as in the GUM)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -57,12 +58,9 @@ def triangulation_jacobian(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.Ar
     """
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
     jacobian = np.empty((u.shape[1], 3, len(rig), 2))
-    for view in range(len(rig)):
-        for axis in range(2):
-            step = np.zeros_like(u)
-            step[view, :, axis] = _PIXEL_STEP
-            difference = triangulate(u + step, rig, weights=weights) - triangulate(u - step, rig, weights=weights)
-            jacobian[:, :, view, axis] = difference / (2 * _PIXEL_STEP)
+    for view, axis, step in _pixel_steps(u):
+        difference = triangulate(u + step, rig, weights=weights) - triangulate(u - step, rig, weights=weights)
+        jacobian[:, :, view, axis] = difference / (2 * _PIXEL_STEP)
     return jacobian
 
 
@@ -136,8 +134,7 @@ def compute_gain_sensitivity(
         delta = np.zeros(size * len(rig))
         delta[index] = step
         ahead, back = (measure(u, rig.perturbed(sign * delta)) for sign in (1, -1))
-        change = ahead - back
-        sensitivity[:, index] = np.einsum("pivk,pvkj->pij", change / (2 * step), projection)
+        sensitivity[:, index] = _change_of_gain(ahead, back, step, projection)
     return sensitivity
 
 
@@ -173,12 +170,9 @@ def compute_place_sensitivity(points2d: npt.ArrayLike, rig: Rig, *, weights: npt
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
     projection = _project_motion(u, rig, weights)
     sensitivity = np.empty((u.shape[1], 2 * len(rig), 3, 3))
-    for index in range(2 * len(rig)):
-        step = np.zeros_like(u)
-        step[index // 2, :, index % 2] = _PIXEL_STEP
-        change = triangulation_jacobian(u + step, rig, weights=weights)
-        change = change - triangulation_jacobian(u - step, rig, weights=weights)
-        sensitivity[:, index] = np.einsum("pivk,pvkj->pij", change / (2 * _PIXEL_STEP), projection)
+    for view, axis, step in _pixel_steps(u):
+        ahead, back = (triangulation_jacobian(u + sign * step, rig, weights=weights) for sign in (1, -1))
+        sensitivity[:, 2 * view + axis] = _change_of_gain(ahead, back, _PIXEL_STEP, projection)
     return sensitivity
 
 
@@ -273,6 +267,19 @@ def compute_gain_std(sensitivity: FloatArray, rotation: FloatArray, covariance: 
     """
     variance = np.einsum("pabb->pab", compute_gain_covariance(sensitivity, rotation, covariance))
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _pixel_steps(u: FloatArray) -> Iterator[tuple[int, int, FloatArray]]:
+    """Index of a view and of a pixel axis, and steps along it there for pixels (V, P, 2) [px], one after the other."""
+    for view, axis in product(range(len(u)), range(2)):
+        step = np.zeros_like(u)
+        step[view, :, axis] = _PIXEL_STEP
+        yield view, axis, step
+
+
+def _change_of_gain(ahead: FloatArray, back: FloatArray, step: float, projection: FloatArray) -> FloatArray:
+    """Derivative of the gain matrices, (P, 3, 3), from Jacobians (P, 3, V, 2) a step ahead and back."""
+    return np.asarray(np.einsum("pivk,pvkj->pij", (ahead - back) / (2 * step), projection))
 
 
 def _project_motion(u: FloatArray, rig: Rig, weights: npt.ArrayLike | None) -> FloatArray:

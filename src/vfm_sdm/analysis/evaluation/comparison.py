@@ -21,6 +21,7 @@ __all__ = ["ReferenceClock", "evaluate"]
 
 _LAG_BAND_HZ = (1.0, 10.0)
 """Band in which a lag is estimated when none is given [Hz]: the vibration, not the drift of either side."""
+_LONGEST_S = 1e6
 _FEWEST_STAMPS = 4
 """Stamps that the estimate of the lag and the splines need at least."""
 
@@ -41,6 +42,13 @@ class ReferenceClock(LagSearch):
 
     search_s: float = 5.0
     synchronize: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not (abs(self.start_lag_s) <= _LONGEST_S and 0 < self.search_s <= _LONGEST_S):
+            raise DatasetError(
+                f"clock: expected a lag within {_LONGEST_S:g} s and a search up to as much, got {self.start_lag_s:g} "
+                f"and {self.search_s:g} s; correct them"
+            )
 
 
 @dataclass(frozen=True)
@@ -152,6 +160,7 @@ def evaluate(
         )
     places = reference["displacement"].rename({"sensor" if against_sensors else "point": "place"})
     chosen_axes, notes = _choose_axes(displacement, places, axes)
+    notes += [f"reference: {note}" for note in reference.attrs.get("notes", ()) if against_sensors]
     places = places.sel(axis=chosen_axes)
     chosen = _choose_pairs(displacement, places, pairs)
     band = _choose_band(reference, band_hz, notes)
@@ -187,6 +196,7 @@ def evaluate(
 def _choose_axes(displacement: xr.Dataset, places: xr.DataArray, axes: Sequence[str]) -> tuple[list[str], list[str]]:
     """The axes that both sides have, and a note on the others."""
     measured, known = (list(map(str, side["axis"].values)) for side in (displacement, places))
+    axes = list(dict.fromkeys(axes))
     chosen = [axis for axis in axes if axis in measured and axis in known]
     if not chosen:
         raise DatasetError(f"axes: expected some of {list(axes)} on both sides, got {measured} and {known}; name them")

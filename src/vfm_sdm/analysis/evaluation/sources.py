@@ -1,6 +1,7 @@
 """Evaluation of files: recordings of sensors of any kind, and the run folder of a measurement."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import xarray as xr
@@ -8,15 +9,18 @@ import xarray as xr
 from vfm_sdm.analysis.evaluation.comparison import ReferenceClock, evaluate
 from vfm_sdm.analysis.evaluation.records import Evaluation
 from vfm_sdm.core.netcdf import read_displacement
+from vfm_sdm.core.run_folder import SESSION, RunFolder
+from vfm_sdm.core.sensor_datasets import ACCELERATION_UNITS
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
 from vfm_sdm.inputs.sensors.netcdf import join_sensors, read_comparison
-from vfm_sdm.inputs.sensors.sensor_csv import read_acceleration, read_reference
+from vfm_sdm.inputs.sensors.sensor_csv import read_acceleration, read_reference, states_acceleration
 from vfm_sdm.inputs.session import Session, read_session
 
 __all__ = ["evaluate_run", "read_sensors"]
 
-_ACCELERATION = ("g", "m/s2")
+_TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
+"""Suffixes of the files that instruments write as text."""
 
 
 def read_sensors(
@@ -24,7 +28,7 @@ def read_sensors(
     *,
     sensors: Sequence[str] = (),
     columns: Mapping[str, str] | None = None,
-    units: str = "g",
+    units: str | None = None,
     sampling_rate_hz: float | None = None,
     settings: RecipeSettings | None = None,
 ) -> xr.Dataset:
@@ -37,16 +41,16 @@ def read_sensors(
     sensors
         Name of the sensor in each file; the files' names when left out.
     columns, units, sampling_rate_hz
-        Columns, units and sampling rate [Hz] of all files, see `vfm_sdm.inputs.sensors.sensor_csv.read_acceleration`;
-        ``g`` and ``m/s2`` are accelerations, which go through `vfm_sdm.inputs.sensors.accelerometer.compute_reference`,
-        ``mm`` and ``m`` are displacements and stay as recorded.
+        Columns, units and sampling rate [Hz] of all files, see `vfm_sdm.inputs.sensors.sensor_csv.read_acceleration`.
+        Accelerations go through `vfm_sdm.inputs.sensors.accelerometer.compute_reference`, displacements stay as
+        recorded. Units that are left out are those of the first file's header, else g.
     settings
         Constants of the recipe for accelerations.
 
     Returns
     -------
     reference
-        Displacement of the S sensors, shape (T, S, A) [mm].
+        Displacement of the S sensors, shape (T, S, A) [mm]; attribute ``notes`` holds what a reader must know of it.
 
     Raises
     ------
@@ -65,14 +69,17 @@ def read_sensors(
     """
     if sensors and len(sensors) != len(paths):
         raise DatasetError(f"sensors: expected one name a file, got {len(sensors)} for {len(paths)}; name all or none")
-    read = read_acceleration if units in _ACCELERATION else read_reference
+    is_acceleration = units in ACCELERATION_UNITS
+    if units is None and paths:
+        is_acceleration = states_acceleration(paths[0], columns) is not False
+    read = read_acceleration if is_acceleration else read_reference
     names: Sequence[str | None] = sensors or [None] * len(paths)
     recordings = [
         read(path, sensor=name, columns=columns, units=units, sampling_rate_hz=sampling_rate_hz)
         for path, name in zip(paths, names, strict=True)
     ]
     joined = join_sensors(recordings)
-    return compute_reference(joined, settings) if units in _ACCELERATION else joined
+    return compute_reference(joined, settings) if is_acceleration else joined
 
 
 def evaluate_run(
@@ -110,20 +117,23 @@ def evaluate_run(
         A file is missing or is not what it should be; nothing can be paired; or `evaluate` refuses the data.
     """
     displacement = read_displacement(folder)
-    session_file = Path(folder) / "session.resolved.toml"
+    session_file = Path(folder) / SESSION
     session = read_session(session_file, check_files=False) if session_file.is_file() else None
-    is_csv = Path(reference).suffix.lower() == ".csv"
+    notes = RunFolder(folder).check_whole("displacement", displacement.attrs)
+    is_csv = Path(reference).suffix.lower() in _TEXT
     known = _read_session_sensor(session, Path(reference)) if is_csv else read_comparison(reference)
     if pairs is None and session is not None:
         pairs = _read_session_pairs(session, displacement, known)
-    return evaluate(displacement, known, pairs=pairs, axes=axes, band_hz=band_hz, clock=clock)
+    result = evaluate(displacement, known, pairs=pairs, axes=axes, band_hz=band_hz, clock=clock)
+    return replace(result, notes=(*notes, *result.notes))
 
 
 def _read_session_sensor(session: Session | None, path: Path) -> xr.Dataset:
     """Reference dataset of a sensor's CSV file as the session describes it."""
     sensors = () if session is None else session.sensor
     named = [sensor for sensor in sensors if sensor.file.name == path.name]
-    if len(named) != 1 or named[0].units is None:
+    columns = {str(axis): column for axis, column in named[0].columns.items()} if len(named) == 1 else {}
+    if len(named) != 1 or (named[0].units is None and states_acceleration(path, columns or None) is None):
         what = f"{len(named)} sensors of that file" if len(named) != 1 else f"no units for {named[0].name!r}"
         raise SessionError(
             f"{path}: expected one sensor with its units in the run's session, got {what}; convert the file with "
@@ -133,8 +143,8 @@ def _read_session_sensor(session: Session | None, path: Path) -> xr.Dataset:
     return read_sensors(
         [path],
         sensors=[sensor.name],
-        columns={str(axis): column for axis, column in sensor.columns.items()} or None,
-        units=str(sensor.units),
+        columns=columns or None,
+        units=sensor.units,
         sampling_rate_hz=sensor.sampling_rate_hz,
     )
 

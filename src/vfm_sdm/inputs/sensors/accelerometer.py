@@ -7,7 +7,7 @@ where it is done.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import xarray as xr
@@ -16,10 +16,12 @@ from scipy import signal
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
-from vfm_sdm.core.arrays import FloatArray, unbroken_runs
+from vfm_sdm.core.arrays import BoolArray, FloatArray, unbroken_runs
 from vfm_sdm.core.sensor_datasets import ReferenceFacts, check_acceleration, make_reference
 from vfm_sdm.errors import DatasetError
-from vfm_sdm.signals.filters import band_pass, hampel, shortest_band_pass_s
+from vfm_sdm.inputs.sensors.outliers import HampelUse, OutlierRules, Outliers, find_worth, treat_outliers
+from vfm_sdm.inputs.sensors.readings import find_readings, name_defects, name_outliers, name_units
+from vfm_sdm.signals.filters import band_pass, shortest_band_pass_s
 
 __all__ = [
     "Integration",
@@ -35,6 +37,10 @@ Integration = Literal["trapezoid", "spline"]
 
 _SAMPLES_OF_FASTEST = 4.0
 """Samples in a period of the band's upper edge below which the spline of `resample` loses amplitude."""
+_FILLED = 0.25
+"""Periods of the band's upper edge that a gap may have to be filled by a spline: all that counts is smooth over it."""
+_FEWEST_KEPT = 4
+_KEPT = ("start_utc", "first_stamp")
 _MM_PER_M = 1e3
 
 
@@ -57,6 +63,9 @@ class RecipeSettings:
         Where the motion begins on the sensor's clock [s], to be used instead of detecting it.
     hampel_window_s, hampel_threshold
         Window [s], and threshold in scaled median absolute deviations (x 1.4826) [1].
+    hampel
+        ``on``, ``off``, or ``auto``: on, but where it would take away parts of impacts, lone samples alone are
+        replaced (`vfm_sdm.inputs.sensors.outliers.treat_outliers`).
     band_hz, filter_order
         Edges [Hz] and order of the Butterworth band-pass, which runs forwards and backwards
         (`vfm_sdm.signals.filters.band_pass`).
@@ -79,6 +88,7 @@ class RecipeSettings:
     onset_s: float | None = None
     hampel_window_s: float = 0.75
     hampel_threshold: float = 3.5
+    hampel: HampelUse = "auto"
     band_hz: tuple[float, float] = (1.0, 10.0)
     filter_order: int = 4
     integration: Integration = "trapezoid"
@@ -97,6 +107,8 @@ class RecipeSettings:
             )
         if self.integration not in ("trapezoid", "spline"):
             raise DatasetError(f"integration: expected 'trapezoid' or 'spline', got {self.integration!r}; use one")
+        if self.hampel not in get_args(HampelUse):
+            raise DatasetError(f"hampel: expected one of {get_args(HampelUse)}, got {self.hampel!r}; use one")
         if not 2 * self.band_hz[1] < self.rate_hz:
             raise DatasetError(
                 f"rate_hz: expected more than twice the upper edge of the band, {self.band_hz[1]:g} Hz, got "
@@ -119,15 +131,17 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
     -------
     reference
         Reference dataset, shape (T', S, A) [mm], at ``t0 + i / settings.rate_hz`` over the whole recording, with t0 its
-        first sample; NaN before the onset. ``outliers`` counts the samples that the Hampel filter replaced, by sensor
-        and axis. Attributes ``onset_s``, and ``onset_status``: ``detected``, ``given``, or ``not detected: whole
-        recording used``.
+        first sample; NaN before the onset and where samples are missing, clipped or stuck. ``outliers`` counts the
+        samples that the Hampel filter replaced, by sensor and axis, and ``outlier_energy`` is the share of the energy
+        in the band that it took away with them [1]. Attributes ``onset_s``; ``onset_status``: ``detected``, ``given``,
+        or ``not detected: whole recording used``; and ``notes``, sentences that a reader must know.
 
     Raises
     ------
     DatasetError
-        The clock is not even, a value is missing, the sampling rate is too low for the band (less than four samples in
-        a period of its upper edge), the given onset lies outside, or what follows the onset is too short to filter.
+        The clock is not even, a value is missing without a ``status`` that says so, the sampling rate is too low for
+        the band (less than four samples in a period of its upper edge), the given onset lies outside, what follows the
+        onset is too short to filter or nowhere whole for as long, or the sensor reads more than any does at rest.
 
     Notes
     -----
@@ -135,6 +149,11 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
     edge at both ends of the segment, and the displacement is zero at its beginning, not on average. What rings is
     integrated twice and the recipe filters no more after that, so a slow curve remains when the recording does not
     end at rest: compare with other displacement inside ``band_hz`` only.
+
+    Gaps of up to a quarter of a period of the upper edge are filled by splines. Longer ones, and clipped and stuck
+    samples (`vfm_sdm.inputs.sensors.defects.find_defects`), divide an axis into pieces, each of which goes through the
+    recipe by itself: what was not felt cannot be integrated over. Beside such a gap the piece is left out for a period
+    of the lower edge.
 
     When no onset is found the whole recording counts, because a structure that moves from the first sample on has
     none; whether it moved at all is for the reader of ``onset_status`` to judge.
@@ -150,40 +169,98 @@ def compute_reference(acceleration: xr.Dataset, settings: RecipeSettings | None 
     4.1 mm
     """
     settings = RecipeSettings() if settings is None else settings
-    values, time_s, rate_hz = _check_recording(acceleration, settings)
+    values, known, time_s, rate_hz, notes = _check_recording(acceleration, settings)
     first, status = _segment_start(values, time_s, rate_hz, settings)
-    segment, clock = values[first:], time_s[first:]
-    shortest = shortest_band_pass_s(rate_hz, settings.band_hz, order=settings.filter_order)
-    window = _round_to_odd(settings.hampel_window_s * rate_hz)
-    if len(segment) < max(shortest * rate_hz, window):
+    shortest_s = _shortest_piece_s(rate_hz, settings)
+    if (len(time_s) - first) / rate_hz < shortest_s:
         raise DatasetError(
-            f"acceleration: expected at least {max(shortest, settings.hampel_window_s):.2f} s from the onset on, got "
-            f"{len(segment) / rate_hz:.2f} s after {clock[0]:.2f} s; record longer or set onset_s"
+            f"acceleration: expected at least {shortest_s:.2f} s from the onset on, got "
+            f"{(len(time_s) - first) / rate_hz:.2f} s after {time_s[first]:.2f} s; record longer or set onset_s"
         )
-    segment, replaced = hampel(
-        segment, _round_to_odd(settings.hampel_window_s * rate_hz), threshold=settings.hampel_threshold
-    )
-    segment = segment - segment.mean(axis=0)
-    segment = band_pass(segment, rate_hz, settings.band_hz, order=settings.filter_order)
-    velocity = signal.detrend(integrate(segment, rate_hz, rule=settings.integration), axis=0, type="linear")
-    displacement = integrate(velocity, rate_hz, rule=settings.integration)
     count = int(np.floor((time_s[-1] - time_s[0]) * settings.rate_hz + 1e-6)) + 1
     grid = time_s[0] + np.arange(count) / settings.rate_hz
+    sensors, axes = ([str(name) for name in acceleration[dim].values] for dim in ("sensor", "axis"))
+    displacement = np.full((count, len(sensors), len(axes)), np.nan)
+    replaced, taken = np.zeros((len(sensors), len(axes)), int), np.zeros((len(sensors), len(axes)))
+    worth = [find_worth(values[first:, s], rate_hz, settings.band_hz) for s in range(len(sensors))]
+    for s, a in np.ndindex(len(sensors), len(axes)):
+        rules = OutlierRules(
+            _round_to_odd(settings.hampel_window_s * rate_hz),
+            settings.hampel_threshold,
+            rate_hz,
+            settings.band_hz,
+            settings.hampel,
+            float(worth[s][a]),
+        )
+        displacement[:, s, a], outliers = _displace(
+            values[:, s, a], known[:, s, a], first, (time_s, grid), rules, settings
+        )
+        replaced[s, a] = sum(int(treated.replaced.sum()) for treated in outliers)
+        taken[s, a] = max((treated.energy_taken for treated in outliers), default=0.0)
+        notes += name_outliers(outliers, f"{sensors[s]!r}, {axes[a]}", rules)
+        if not outliers:
+            notes.append(f"{sensors[s]!r}, {axes[a]}: no {shortest_s:.2f} s in one piece, so no displacement")
+    if not np.isfinite(displacement).any():
+        raise DatasetError(
+            f"acceleration: expected {shortest_s:.2f} s in one piece, got less in every axis; record again: "
+            + "; ".join(notes)
+        )
     reference = make_reference(
         grid,
-        [str(name) for name in acceleration["sensor"].values],
-        [str(name) for name in acceleration["axis"].values],
-        resample(displacement, clock, grid) * _MM_PER_M,
-        facts=ReferenceFacts(settings.rate_hz, float(clock[0]), settings.band_hz),
+        sensors,
+        axes,
+        displacement * _MM_PER_M,
+        facts=ReferenceFacts(settings.rate_hz, float(time_s[first]), settings.band_hz),
         attrs={
             "onset_status": status,
             "integration": settings.integration,
+            "hampel": settings.hampel,
             "recorded_at_hz": rate_hz,
-            **({"start_utc": acceleration.attrs["start_utc"]} if "start_utc" in acceleration.attrs else {}),
+            **{name: acceleration.attrs[name] for name in _KEPT if name in acceleration.attrs},
+            "notes": notes,
         },
     )
-    reference["outliers"] = (("sensor", "axis"), replaced.sum(axis=0), {"units": "1"})
+    reference["outliers"] = (("sensor", "axis"), replaced, {"units": "1"})
+    reference["outlier_energy"] = (("sensor", "axis"), taken, {"units": "1"})
     return reference
+
+
+def _shortest_piece_s(rate_hz: float, settings: RecipeSettings) -> float:
+    """How long a piece without a gap must be for the filters of the recipe [s]."""
+    shortest = shortest_band_pass_s(rate_hz, settings.band_hz, order=settings.filter_order)
+    return max(shortest, _round_to_odd(settings.hampel_window_s * rate_hz) / rate_hz)
+
+
+def _displace(
+    values: FloatArray,
+    known: BoolArray,
+    begin: int,
+    clocks: tuple[FloatArray, FloatArray],
+    rules: OutlierRules,
+    settings: RecipeSettings,
+) -> tuple[FloatArray, list[Outliers]]:
+    """Displacement [m] of one axis at the second clock, from acceleration at the first [m/s2], a piece at a time.
+
+    Ends that a gap made are left out as far as the filter rings there; a recording's own ends are the paper's.
+    """
+    time_s, grid = clocks
+    displacement, outliers = np.full(len(grid), np.nan), []
+    known, ringing = known & (np.arange(len(known)) >= begin), round(rules.rate_hz / settings.band_hz[0])
+    shortest = _shortest_piece_s(rules.rate_hz, settings) * rules.rate_hz
+    for run in unbroken_runs(known):
+        start = run.start + (ringing if run.start > begin else 0)
+        stop = run.stop - (ringing if run.stop < len(known) else 0)
+        if run.stop - run.start < shortest - 0.5 or stop - start < _FEWEST_KEPT:
+            continue
+        treated = treat_outliers(values[run], rules)
+        centred = treated.treated - treated.treated.mean()
+        filtered = band_pass(centred, rules.rate_hz, settings.band_hz, order=settings.filter_order)
+        velocity = signal.detrend(integrate(filtered, rules.rate_hz, rule=settings.integration), type="linear")
+        moved = integrate(velocity, rules.rate_hz, rule=settings.integration)[start - run.start : stop - run.start]
+        found = resample(moved, time_s[start:stop], grid)
+        displacement = np.where(np.isfinite(found), found, displacement)
+        outliers.append(treated)
+    return displacement, outliers
 
 
 def detect_onset(acceleration: FloatArray, rate_hz: float, settings: RecipeSettings) -> int | None:
@@ -329,13 +406,15 @@ def amplitude_response(frequency_hz: FloatArray, sampling_rate_hz: float, settin
     return np.asarray(np.abs(response).reshape(w.shape) ** 2 * (once * (w / 2) / np.sin(w / 2)) ** 2)
 
 
-def _check_recording(acceleration: xr.Dataset, settings: RecipeSettings) -> tuple[FloatArray, FloatArray, float]:
-    """Values, clock and sampling rate, fit for the recipe."""
+def _check_recording(
+    acceleration: xr.Dataset, settings: RecipeSettings
+) -> tuple[FloatArray, BoolArray, FloatArray, float, list[str]]:
+    """Values without NaN and which of them count, clock and sampling rate, fit for the recipe; and what to know."""
     check_acceleration(acceleration)
     values, time_s = acceleration["acceleration"].values, acceleration["time"].values
     rate_hz = float(acceleration.attrs["sampling_rate_hz"])
     bad = ~np.isfinite(values).all(axis=(1, 2))
-    if bad.any():
+    if bad.any() and "status" not in acceleration:
         raise DatasetError(
             f"acceleration: expected a number in every sample, got {bad.sum()} without, the first at "
             f"{time_s[bad][0]:.3f} s; cut the recording there"
@@ -343,9 +422,16 @@ def _check_recording(acceleration: xr.Dataset, settings: RecipeSettings) -> tupl
     if rate_hz < _SAMPLES_OF_FASTEST * settings.band_hz[1]:
         raise DatasetError(
             f"sampling_rate_hz: expected at least {_SAMPLES_OF_FASTEST * settings.band_hz[1]:g} Hz for a band up to "
-            f"{settings.band_hz[1]:g} Hz, got {rate_hz:g}; lower the band"
+            f"{settings.band_hz[1]:g} Hz, got {rate_hz:g}; lower the band, or correct the unit of time"
         )
-    return values, time_s, rate_hz
+    codes, filled, known = find_readings(acceleration, longest_gap_s=_FILLED / settings.band_hz[1])
+    sensors, axes = ([str(name) for name in acceleration[dim].values] for dim in ("sensor", "axis"))
+    notes = [
+        *acceleration.attrs.get("notes", ()),
+        *name_units(filled, sensors),
+        *name_defects(codes, time_s, sensors, axes),
+    ]
+    return filled, known, time_s, rate_hz, notes
 
 
 def _segment_start(values: FloatArray, time_s: FloatArray, rate_hz: float, settings: RecipeSettings) -> tuple[int, str]:

@@ -58,7 +58,13 @@ def join_sensors(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
             raise DatasetError(
                 f"sensors {names}: expected one clock, got {clocks[0]} and {clocks[1]}; convert each sensor apart"
             )
-    return xr.concat(recordings, "sensor", join="exact", combine_attrs="drop_conflicts")
+    starts = [recording.attrs.get("first_stamp") for recording in recordings]
+    if len({*starts}) > 1:
+        raise DatasetError(f"sensors {names}: expected one clock, got first stamps {starts}; convert each sensor apart")
+    joined = xr.concat(recordings, "sensor", join="exact", combine_attrs="drop_conflicts")
+    said = [(r["sensor"].values[0], note) for r in recordings for note in r.attrs.get("notes", ())]
+    joined.attrs["notes"] = [note if len(recordings) == 1 else f"{name}: {note}" for name, note in said]
+    return joined
 
 
 def write_reference(path: Path | str, reference: xr.Dataset) -> Path:

@@ -61,7 +61,8 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:
         "missing": f"expected a value, got nothing; add {key} = ...",
         "tuple_type": f"expected a list of values or [[{key}]] tables, got {found}; correct the brackets",
         "model_type": f"expected one table [{key}], got {found}; correct the brackets",
-        "string_pattern_mismatch": f"expected a name without slashes, got {found}; rename it",
+        "string_pattern_mismatch": "expected a name without slashes and control characters, and not of dots alone, "
+        f"got {found}; rename it",
         "too_short": f"expected at least {context.get('min_length')}, got {context.get('actual_length')}; add one",
         "too_long": f"expected {context.get('max_length')} values, got {found}; remove the others",
     }

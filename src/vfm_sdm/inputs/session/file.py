@@ -10,7 +10,7 @@ from typing import Any
 
 import tomli_w
 
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session
@@ -47,6 +47,8 @@ def read_session(path: Path | str, *, check_files: bool = True) -> Session:
         ) from error
     except tomllib.TOMLDecodeError as error:
         raise SessionError(f"{source}: expected TOML, got: {error}; correct that line") from error
+    except RecursionError as error:
+        raise SessionError(f"{source}: expected tables, got brackets nested without end; correct the file") from error
     folder = source.absolute().parent
     faults: list[str] = []
     if "folder" in fields:
@@ -80,12 +82,7 @@ def write_session(path: Path | str, session: Session) -> Path:
     # TOML has no null: an absent key says the same.
     fields = session.model_dump(mode="json", exclude_none=True)
     _move_paths(_path_entries(session, fields), session.folder.absolute(), target.absolute().parent)
-    try:
-        with replace_file(target) as temporary:
-            temporary.write_bytes(tomli_w.dumps(_without_empty(fields)).encode())
-    except OSError as error:
-        raise SessionError(f"{target}: expected to write it, got: {error.strerror}; choose another folder") from error
-    return target
+    return write_file(target, tomli_w.dumps(_without_empty(fields)))
 
 
 def session_hash(session: Session) -> str:

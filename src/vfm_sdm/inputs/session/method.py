@@ -122,6 +122,8 @@ class Method(Entry):
     """Whether the offset between views is estimated from the points' motion, or taken as stated."""
     camera_motion: Literal["remove", "keep"] = "remove"
     """Whether motion of the cameras that static points show is taken out of the tracks, where that is sure to help."""
+    scale_limit: Annotated[float, Strict(), Field(gt=0, ge=1e-4, le=1)] = 0.05
+    """Largest expanded relative uncertainty of the scale (k = 2) with which a result can be fit to use [1]."""
     injection: bool = True
     """Whether the gain of every point is measured by known motion that is put into the recordings, and corrected."""
     sgr: Sgr = Sgr()

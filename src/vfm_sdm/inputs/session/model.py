@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.method import Method, table_paths
@@ -32,10 +33,12 @@ __all__ = ["Chessboard", "Lens", "Point", "Sensor", "Session", "View"]
 _Count = Annotated[int, Strict(), Field(ge=3)]
 # Becomes a netCDF group and part of a file name. Not made of `Name`: of two `Field`s on one type, pydantic before 2.12
 # takes over the default that another field of that type has.
-_ViewName = Annotated[str, Field(min_length=1, pattern=r"^[^/\\]+$")]
+_PLAIN, _NO_DOT = r"[^/\\\x00-\x1f\x7f]", r"[^/\\.\x00-\x1f\x7f]"
+_ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*$")]
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
 _Pixel = tuple[_Coordinate, _Coordinate]
+_Millimetres = Annotated[float, Strict(), Field(gt=0, ge=1e-2, le=1e5)]
 
 
 def _instant(value: object) -> object:
@@ -55,10 +58,10 @@ class Lens(Entry):
     recorded), or ``focal_px``. ``relative_std`` is the relative standard deviation of the focal length [1].
     """
 
-    focal_mm: Positive | None = None
-    sensor_width_mm: Positive | None = None
-    focal_px: Positive | None = None
-    relative_std: Positive = 0.02
+    focal_mm: _Millimetres | None = None
+    sensor_width_mm: _Millimetres | None = None
+    focal_px: Annotated[float, Strict(), Field(gt=0, ge=1, le=1e7)] | None = None
+    relative_std: Annotated[float, Strict(), Field(gt=0, ge=1e-7, le=10)] = 0.02
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -142,8 +145,8 @@ class Sensor(Entry):
     point: Name | None = None
     columns: dict[Literal["time", "lateral", "vertical", "longitudinal"], Name] = Field(default_factory=dict)
     """Column of the file for ``time`` and for each axis; a leading ``-`` before an axis' column reverses its sign."""
-    units: Literal["g", "m/s2", "mm", "m"] | None = None
-    """Acceleration (``g``, ``m/s2``) or displacement (``mm``, ``m``)."""
+    units: SensorUnits | None = None
+    """Of acceleration or of displacement; those that the file's header states when left out."""
     sampling_rate_hz: Positive | None = None
     start: _Start | None = None
     """When the first sample was taken, with its offset from UTC."""

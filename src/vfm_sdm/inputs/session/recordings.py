@@ -4,7 +4,9 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.errors import VideoError
@@ -98,19 +100,21 @@ def quiet_frames(frames: Mapping[str, LumaArray]) -> Mapping[str, LumaArray]:
 
 def _average_opening(video: Video) -> LumaArray:
     """Mean of the first frames that show the same, in finer grey levels."""
-    total, count, noise = None, 0, np.inf
+    total, blocks, count, noise = None, np.empty((0, 0)), 0, np.inf
     for frame in video.frames(stop=_OPENING):
         luma = frame.luma.astype(np.float32)
+        means = _block_means(luma)
         if total is None:
-            total, count = luma, 1
+            total, blocks, count = luma, means, 1
             continue
-        change = _block_means(luma - total / count)
+        change = means - blocks / count
         spread = 1.4826 * float(np.median(np.abs(change)))
         # Blocks of a still picture change by noise alone, which the first pair of frames shows.
         noise = min(noise, max(spread, 0.05))
         if (np.abs(change) > _STILL_STD * noise).mean() > _STILL_SHARE:
             break
-        total, count = total + luma, count + 1
+        total += luma
+        blocks, count = blocks + means, count + 1
     if total is None:
         raise VideoError(f"{video.info.source}: expected at least one frame, got none; check the recording")
     levels = _GREY_LEVELS if float(total.max()) / count * _GREY_LEVELS < np.iinfo(np.uint16).max else 1
@@ -118,13 +122,13 @@ def _average_opening(video: Video) -> LumaArray:
     return finer
 
 
-def _block_means(image: FloatArray) -> FloatArray:
+def _block_means(image: npt.NDArray[np.float32]) -> FloatArray:
     """Means over squares of the image, shape (rows, columns)."""
     rows, columns = (max(1, size // _BLOCK_PX) for size in image.shape)
     cut = image[: rows * _BLOCK_PX, : columns * _BLOCK_PX]
     if cut.shape != (rows * _BLOCK_PX, columns * _BLOCK_PX):
         return np.asarray(image.mean(keepdims=True))
-    return np.asarray(cut.reshape(rows, _BLOCK_PX, columns, _BLOCK_PX).mean(axis=(1, 3)))
+    return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), np.float64)
 
 
 def input_files(session: Session) -> Iterator[tuple[str, Path]]:

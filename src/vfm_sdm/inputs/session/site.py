@@ -7,9 +7,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model
 __all__ = ["Entry", "Length", "Level", "Measured", "Name", "Number", "Positive", "Range", "Readings", "Site"]
 
 # Strict numbers, because pydantic would otherwise take "4.0" and true for numbers without a word.
-Number = Annotated[float, Strict()]
-Positive = Annotated[Number, Field(gt=0)]
-Name = Annotated[str, Field(min_length=1)]
+# Bounds that nothing on earth reaches: beyond them arithmetic overflows, and the number is a slip of the pen.
+Number = Annotated[float, Strict(), Field(ge=-1e9, le=1e9)]
+Positive = Annotated[float, Strict(), Field(gt=0, ge=1e-9, le=1e9)]
+_Metres = Annotated[float, Strict(), Field(ge=0, le=1e5)]
+_PositiveMetres = Annotated[float, Strict(), Field(gt=0, ge=1e-7, le=1e5)]
+Name = Annotated[str, Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
+_Degrees = Annotated[float, Strict(), Field(ge=-180, le=180)]
 
 
 class Entry(BaseModel):
@@ -21,8 +25,8 @@ class Entry(BaseModel):
 class Measured(Entry):
     """A length measured on site with its standard deviation [m]."""
 
-    value: Annotated[Number, Field(ge=0)]
-    std: Positive
+    value: _Metres
+    std: _PositiveMetres
 
 
 def _not_zero(length: Measured) -> Measured:
@@ -41,10 +45,10 @@ class Level(Entry):
     it, positive when the camera's right-hand side is lowered. ``value_deg`` stands for each that is not given.
     """
 
-    value_deg: Number = 0.0
-    pitch_deg: Number | None = None
-    roll_deg: Number | None = None
-    std_deg: Positive
+    value_deg: _Degrees = 0.0
+    pitch_deg: _Degrees | None = None
+    roll_deg: _Degrees | None = None
+    std_deg: Annotated[float, Strict(), Field(gt=0, ge=1e-6, le=180)]
 
     @property
     def pitch(self) -> float:
@@ -74,16 +78,16 @@ class Range(Entry):
 
     point: Name
     view: Name | None = None
-    value: Positive
-    std: Positive
+    value: _PositiveMetres
+    std: _PositiveMetres
 
 
 class Length(Entry):
     """Distance between two points [m]."""
 
     points: tuple[Name, Name]
-    value: Positive
-    std: Positive
+    value: _PositiveMetres
+    std: _PositiveMetres
 
 
 class Site(Entry):
@@ -97,7 +101,7 @@ class Site(Entry):
     """Distance along the structure, from the foot of that perpendicular to the centre of the reference view."""
     structure_side: Literal["right", "left"] = "right"
     """Side of the reference camera on which the structure's face lies, for an observer looking where it looks."""
-    face_offset_std: Positive = 0.1
+    face_offset_std: _PositiveMetres = 0.1
     """Standard deviation of the distance of points from the face whose distance was measured [m]."""
     reference_camera_level: Level | None = None
     range: tuple[Range, ...] = ()

@@ -1,8 +1,9 @@
 """How a recording was compressed: types and quantisers of its first frames, and what its encoder says of itself."""
 
+import gc
 import re
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -30,6 +31,8 @@ BLOCK_PX = 16
 _QUANTISER = re.compile(r"\d+\s+(init_qp_minus26|slice_qp_delta)\s+\d+ = (-?\d+)")
 _HEADERS = Lock()
 _UUID_BYTES = 16
+_KEPT = 4
+"""Pictures after which those read before are let go."""
 _DELTA = 4
 """Place of a block's difference from the picture's quantiser, after its place and size."""
 
@@ -113,7 +116,7 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
     quantisers: list[npt.NDArray[np.float32] | None] = []
     crops: list[list[LumaArray]] = [[] for _ in regions]
     encoder, first = "", None
-    with suppress(av.FFmpegError, VideoError), open_stream(path) as (container, stream):
+    with suppress(av.FFmpegError, VideoError), open_stream(path) as (container, stream), _old_objects_aside():
         stream.codec_context.options = {"export_side_data": "venc_params"}
         for picture in container.decode(stream):
             types.append(int(picture.pict_type))
@@ -124,6 +127,8 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
             first = luma.copy() if first is None else first
             for kept, region in zip(crops, regions, strict=True):
                 kept.append(_cut(luma, region))
+            if len(types) % _KEPT == 0:
+                gc.collect()
             if len(types) == frames:
                 break
     if first is None:
@@ -144,6 +149,20 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
         crops=[cast("LumaArray", np.array(kept)) for kept in crops],
         first=first,
     )
+
+
+@contextmanager
+def _old_objects_aside() -> Iterator[None]:
+    """Lets collections of garbage look at new objects alone, so that they take no time.
+
+    A picture and the data beside it refer to each other: only the collector frees them, and it counts objects, not
+    megabytes.
+    """
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def _cut(luma: LumaArray, region: Region) -> LumaArray:

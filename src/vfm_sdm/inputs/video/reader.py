@@ -101,19 +101,25 @@ class Video:
         The work is bounded, whatever the length: up to `_LOOK_PIXELS` pixels a single pass is read, beyond that the
         container is asked to jump, and from where it lands (a key frame) only a few frames are decoded.
         """
-        yield self._frame(also)
         size = self.info.width * self.info.height
         known = self.info.frame_count
         budget = max(_LOOK_PIXELS // size, 4 * count)
-        jump = getattr(self._source, "jump", None)
-        if known is not None and known > budget and jump is not None:
+        jump = getattr(self._source, "jump", None) if known is not None and known > budget else None
+        # A pass begins with the first frame, which need not be decoded twice.
+        waiting = jump is None and also == 0
+        if not waiting:
+            yield self._frame(also)
+        if jump is not None:
             frames = jump(count, budget // count)
         else:
             frames = _pick(self._source.stream(), count, min(known or budget, budget))
         with closing(frames), suppress(DecodeStop):  # the pass that measures reports what is damaged
             for frame in frames:
-                if frame.index != also:
+                if waiting or frame.index != also:
                     yield frame
+                waiting = False
+        if waiting:
+            yield self._frame(also)  # which says what is wrong
 
     def first_frame(self) -> Frame:
         """The first frame; `report` stays as it is.

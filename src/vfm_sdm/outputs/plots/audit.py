@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vfm_sdm.core.statuses import Outcome, Verdict
+from vfm_sdm.outputs.plots.drawing import plain_text
 from vfm_sdm.stages.audit import Audit
 
 __all__ = ["plot_audit"]
@@ -18,7 +19,12 @@ _STYLE = {
     Outcome.FAIL: ("#D55E00", "X"),
     Outcome.NOT_POSSIBLE: ("#999999", "|"),
 }
-_VERDICT_COLOUR = {Verdict.FIT: "#009E73", Verdict.CARE: "#E69F00", Verdict.REFUSED: "#D55E00"}
+_VERDICT_COLOUR = {
+    Verdict.FIT: "#009E73",
+    Verdict.CARE: "#E69F00",
+    Verdict.NOT_JUDGED: "#E69F00",
+    Verdict.REFUSED: "#D55E00",
+}
 _RANGE = (0.01, 30.0)
 _ROW_IN = 0.34
 _TEXT_COLUMNS = 92
@@ -48,7 +54,7 @@ def plot_audit(audit: Audit, ax: Axes | None = None) -> Axes:
             axes.plot(share, row, marker=marker, color=colour, markersize=7, linestyle="none", clip_on=False)
         shown = textwrap.shorten(check.sentence, _TEXT_COLUMNS, placeholder=" ...")
         axes.annotate(
-            f"{_format_value(check.value, check.units)}   {shown}",
+            plain_text(f"{_format_value(check.value, check.units)}   {shown}"),
             (1.01, row),
             xycoords=("axes fraction", "data"),
             va="center",
@@ -56,7 +62,7 @@ def plot_audit(audit: Audit, ax: Axes | None = None) -> Axes:
             color="#999999" if check.outcome is Outcome.NOT_POSSIBLE else "black",
         )
     axes.set(xscale="log", xlim=_RANGE, ylim=(count - 0.5, -0.5), xlabel="value over limit")
-    axes.set_yticks(range(count), [f"{check.name}: {check.outcome}" for check in audit.checks], fontsize=8)
+    axes.set_yticks(range(count), [plain_text(f"{check.name}: {check.outcome}") for check in audit.checks], fontsize=8)
     axes.grid(axis="x", alpha=0.3)
     axes.set_title(f"audit: {audit.verdict}", loc="left", color=_VERDICT_COLOUR[audit.verdict], fontweight="bold")
     return axes

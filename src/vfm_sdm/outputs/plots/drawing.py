@@ -25,6 +25,7 @@ __all__ = [
     "list_names",
     "make_axes",
     "mark_status",
+    "plain_text",
     "reduce_band",
     "reduce_line",
 ]
@@ -150,6 +151,22 @@ def finish_axes(axes: Axes, time_s: FloatArray) -> Axes:
     if time_s.size > 1:
         axes.set_xlim(time_s[0], time_s[-1])
     return axes
+
+
+def plain_text(name: str) -> str:
+    r"""A name as matplotlib shows it to the letter: dollar signs begin no formula.
+
+    Parameters
+    ----------
+    name
+        Name of a point or a view, or a sentence with such names.
+
+    Examples
+    --------
+    >>> print(plain_text("pier $2$"))
+    pier \$2\$
+    """
+    return name.replace("$", r"\$")
 
 
 def choose_name(dataset: xr.Dataset, dim: str, name: str | None) -> str:

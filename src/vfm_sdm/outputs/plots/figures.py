@@ -1,7 +1,9 @@
 """The figures of a run folder, and their files."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vfm_sdm.core.files import replace_file
-from vfm_sdm.errors import DatasetError, ResultsError
+from vfm_sdm.core.files import write_file
+from vfm_sdm.errors import DatasetError
 from vfm_sdm.outputs.plots.audit import plot_audit
-from vfm_sdm.outputs.plots.drawing import list_names
+from vfm_sdm.outputs.plots.drawing import list_names, plain_text
 from vfm_sdm.outputs.plots.panels import plot_displacement, plot_points, plot_trajectory
 from vfm_sdm.stages.audit import Audit
 
@@ -21,6 +23,7 @@ __all__ = ["file_stem", "save_figures"]
 
 _DPI = 150
 _MOST_PANELS = 12
+_STEM_BYTES = 120
 _WIDTH_IN = 9.0
 
 
@@ -60,23 +63,21 @@ def save_figures(
     DatasetError
         The data do not fit together.
     """
-    figures: list[tuple[str, Figure]] = []
-    for view, tracks in tracks_by_view.items():
-        figures.append((f"trajectory_{file_stem(view)}", _draw_trajectories(view, tracks)))
-    if displacement is not None:
-        for point in list_names(displacement, "point"):
-            figures.append((f"displacement_{file_stem(point)}", _draw_displacement(displacement, point)))
-    for view, points in points_by_view.items():
+    for view in points_by_view:
         if view not in frames or view not in tracks_by_view:
             raise DatasetError(f"view {view!r}: expected its first frame and its tracks, got neither or one; pass both")
-        height, width = frames[view].shape[:2]
-        figure = _make_figure(rows_in=min(_WIDTH_IN * height / width, 12.0))
-        axes = plot_points(frames[view], points, list_names(tracks_by_view[view], "point"), figure.add_subplot())
-        axes.set_title(f"points in view {view}, first frame", loc="left")
-        figures.append((f"points_{file_stem(view)}", figure))
+    drawings: list[tuple[str, Callable[[], Figure]]] = []
+    for view, tracks in tracks_by_view.items():
+        drawings.append((f"trajectory_{file_stem(view)}", partial(_draw_trajectories, view, tracks)))
+    if displacement is not None:
+        for point in list_names(displacement, "point"):
+            drawings.append((f"displacement_{file_stem(point)}", partial(_draw_displacement, displacement, point)))
+    for view, points in points_by_view.items():
+        names = list_names(tracks_by_view[view], "point")
+        drawings.append((f"points_{file_stem(view)}", partial(_draw_points, view, frames[view], points, names)))
     if audit is not None:
-        figures.append(("audit", _draw_audit(audit)))
-    return _write_figures(Path(folder) / "figures", figures)
+        drawings.append(("audit", partial(_draw_audit, audit)))
+    return _write_figures(Path(folder) / "figures", drawings)
 
 
 def file_stem(name: str) -> str:
@@ -93,26 +94,32 @@ def file_stem(name: str) -> str:
     '1-2_span'
     """
     stem = re.sub(r"[^\w.+-]", "-", re.sub(r"\s+", "_", name.strip()))
-    return stem.strip(".") or "unnamed"
+    short = stem.encode()[:_STEM_BYTES].decode(errors="ignore")  # file systems allow 255 bytes, with all around it
+    return short.strip(".") or "unnamed"
 
 
-def _write_figures(folder: Path, figures: Sequence[tuple[str, Figure]]) -> list[Path]:
+def _write_figures(folder: Path, drawings: Sequence[tuple[str, Callable[[], Figure]]]) -> list[Path]:
+    """Files of the figures, of which only one is in memory at a time."""
     paths: list[Path] = []
     taken: set[str] = set()
-    for stem, figure in figures:
+    for stem, draw in drawings:
         # Two names may become one, at the latest where file systems ignore case.
         unique, number = stem, 2
         while unique.casefold() in taken:
             unique, number = f"{stem}_{number}", number + 1
         taken.add(unique.casefold())
-        path = folder / f"{unique}.png"
-        try:
-            with replace_file(path) as temporary:
-                figure.savefig(temporary, dpi=_DPI, pil_kwargs={"compress_level": 3})
-        except OSError as error:
-            raise ResultsError(f"{path}: expected to write it, got: {error}; choose another folder") from error
-        paths.append(path)
+        drawn = BytesIO()
+        draw().savefig(drawn, format="png", dpi=_DPI, pil_kwargs={"compress_level": 3})
+        paths.append(write_file(folder / f"{unique}.png", drawn.getvalue()))
     return paths
+
+
+def _draw_points(view: str, frame: npt.NDArray[Any], points: npt.ArrayLike, names: list[str]) -> Figure:
+    height, width = frame.shape[:2]
+    figure = _make_figure(rows_in=min(_WIDTH_IN * height / width, 12.0))
+    axes = plot_points(frame, points, names, figure.add_subplot())
+    axes.set_title(plain_text(f"points in view {view}, first frame"), loc="left")
+    return figure
 
 
 def _draw_trajectories(view: str, tracks: xr.Dataset) -> Figure:
@@ -165,7 +172,7 @@ def _make_figure(rows_in: float) -> Figure:
 def _add_head(figure: Figure, title: str, panels: Sequence[Axes]) -> None:
     """A title, and one legend for all panels so that none covers data."""
     height = figure.get_size_inches()[1]
-    figure.text(0.01, 1 - 0.1 / height, title, ha="left", va="top", fontsize="large")
+    figure.text(0.01, 1 - 0.1 / height, plain_text(title), ha="left", va="top", fontsize="large")
     figure.align_ylabels(panels)
     entries: dict[str, Any] = {}
     for panel in panels:

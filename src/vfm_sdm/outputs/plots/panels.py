@@ -27,6 +27,7 @@ from vfm_sdm.outputs.plots.drawing import (
     list_names,
     make_axes,
     mark_status,
+    plain_text,
     reduce_band,
     reduce_line,
 )
@@ -76,7 +77,7 @@ def plot_trajectory(tracks: xr.Dataset, ax: Axes | None = None, *, point: str | 
     mark_status(axes, time_s, moved, status)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("movement [px]")
-    axes.set_title(str(of_point["point"].values), loc="left")
+    axes.set_title(plain_text(str(of_point["point"].values)), loc="left")
     return finish_axes(axes, time_s)
 
 
@@ -137,7 +138,7 @@ def plot_displacement(
     mark_status(axes, time_s, values[:, None], status)
     scale_std = float(series["scale_std"])
     scale = f"scale ± {200 * scale_std:.2g} % (k = 2)" if np.isfinite(scale_std) else "scale uncertainty not known"
-    axes.set_title(f"{names['point']}, {names['axis']}", loc="left")
+    axes.set_title(plain_text(f"{names['point']}, {names['axis']}"), loc="left")
     axes.set_title(scale, loc="right", fontsize="small", color=GREY)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"{names['axis']} [mm]")
@@ -193,7 +194,7 @@ def plot_points(luma: npt.NDArray[Any], points2d: npt.ArrayLike, names: Sequence
         if len(names) <= _MOST_LABELS and np.isfinite([u, v]).all():
             left = u > 0.8 * width
             axes.annotate(
-                name,
+                plain_text(name),
                 (u, v),
                 xytext=(-9 if left else 9, 6),
                 textcoords="offset points",
@@ -204,7 +205,7 @@ def plot_points(luma: npt.NDArray[Any], points2d: npt.ArrayLike, names: Sequence
             )
     missing = [name for name, (u, v) in zip(names, points, strict=True) if not np.isfinite([u, v]).all()]
     note = f"\nnot found here: {', '.join(missing)}" if missing else ""
-    axes.set_xlabel(f"u [px]{note}")
+    axes.set_xlabel(f"u [px]{plain_text(note)}")
     axes.set_ylabel("v [px]")
     return axes
 

@@ -32,6 +32,8 @@ __all__ = ["describe_measurement", "read_summary", "summarize_displacement", "wr
 
 _PROPORTIONAL = ("cameras", "compression", "subset")
 """Components of the budget that are proportional to the motion."""
+_SHARED = ("origin",)
+"""Components that all samples share: no distance between two samples holds them."""
 
 
 def write_summary(folder: Path | str, summary: Mapping[str, Any]) -> Path:
@@ -214,6 +216,7 @@ def _summarize_axis(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> di
         variance = sum(
             (u[top] + u[bottom]) ** 2 if name in _PROPORTIONAL else u[top] ** 2 + u[bottom] ** 2
             for name, u in budget.items()
+            if name not in _SHARED
         )
     summary["expanded_uncertainty_mm"] = _replace_unknown(COVERAGE_FACTOR * float(np.sqrt(variance)))
     summary["dominant_frequency_hz"] = dominant_frequency(time_s, values)

@@ -79,8 +79,7 @@ def check_baseline(inputs: AuditInputs) -> AuditCheck:
             blind = f"only a baseline wrong by {100 * detectable:.0f} % or more would be noticed"
         else:
             blind = "nothing else tells the scale, so a wrong baseline cannot be seen"
-        advice = "Measure a range from the camera to a point, or a further length, as exactly as you can"
-        sentence = f"{blind}; displacement would be wrong by as much. {advice}"
+        sentence = f"{blind}. Measure the length between two points of the structure, which checks it"
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _BLIND, "1", sentence, _BASELINE)
     return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _BLIND, "1", "no baseline was measured", _BASELINE)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
@@ -15,12 +16,20 @@ from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
-__all__ = ["NOISE_TRUST", "Audit", "AuditCheck", "AuditInputs", "Limits", "judge"]
+__all__ = ["NOISE_TRUST", "REQUIRED", "Audit", "AuditCheck", "AuditInputs", "Limits", "judge"]
 
 T = TypeVar("T")
 
 NOISE_TRUST = 1.5
 """Factor by which stated noise may be too small before what is left counts as motion [1]."""
+REQUIRED = frozenset(
+    {
+        *("scale", "epipolar error", "epipolar error in motion", "clocks", "samples missing"),
+        *("static points", "tripods", "signal to noise"),
+    }
+)
+"""Names of the checks without which nobody knows whether a result is fit to use: of the scale, of the views against
+each other, of the cameras that must stand still, and of whether anything was measured."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +73,10 @@ class AuditCheck:
 
 @dataclass(frozen=True)
 class Audit:
-    """All checks of one measurement and their verdict: refused by one that failed, care for any caution.
+    """All checks of one measurement and their verdict.
+
+    Refused by one that failed; care for any caution, and for any check of `REQUIRED` that could not be made; not judged
+    where most of these could not.
 
     Examples
     --------
@@ -81,7 +93,15 @@ class Audit:
         outcomes = {check.outcome for check in self.checks}
         if Outcome.FAIL in outcomes:
             return Verdict.REFUSED
-        return Verdict.CARE if Outcome.CAUTION in outcomes else Verdict.FIT
+        required = [check for check in self.checks if check.name in REQUIRED]
+        if 2 * len(self.missing) > len(required):
+            return Verdict.NOT_JUDGED
+        return Verdict.CARE if Outcome.CAUTION in outcomes or self.missing else Verdict.FIT
+
+    @property
+    def missing(self) -> tuple[AuditCheck, ...]:
+        """Checks without which nothing is fit to use, and that could not be made."""
+        return tuple(c for c in self.checks if c.name in REQUIRED and c.outcome == Outcome.NOT_POSSIBLE)
 
     @property
     def flagged(self) -> tuple[AuditCheck, ...]:
@@ -175,9 +195,10 @@ class AuditInputs:
     @property
     def moving(self) -> list[str]:
         """Names of the points on the structure, without those that were refused before tracking."""
-        return [p.name for p in self.session.point if not (p.static or p.name in self.refused)]
+        refused = self.refused
+        return [p.name for p in self.session.point if not (p.static or p.name in refused)]
 
-    @property
+    @cached_property
     def refused(self) -> dict[str, str]:
         """Points that were known before tracking not to be measured, and why: fewer than two views have them."""
         needed = min(2, len(self.session.view))

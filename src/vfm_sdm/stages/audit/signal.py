@@ -14,7 +14,7 @@ from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Lim
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
 from vfm_sdm.stages.registration.subsets import SubsetBank, SubsetDesign, Warp
 
-__all__ = ["check_gain", "check_recording", "check_refinement", "check_signal"]
+__all__ = ["check_duration", "check_gain", "check_recording", "check_refinement", "check_signal"]
 
 _SNR_CAUTION, _SNR_FAIL = 3.0, 1.0
 _SHIFTS_PX = ((0.11, -0.07), (0.23, 0.19), (-0.31, 0.37), (0.5, -0.5), (-0.43, 0.29))
@@ -25,6 +25,9 @@ _FINE = 16
 _GAIN = "gain of injected shifts"
 _GAIN_CAUTION, _GAIN_FAIL = 0.02, 0.1
 _DROPPED_CAUTION, _DROPPED_FAIL = 1e-9, 0.1
+_FRAMES_CAUTION = 50
+_UNUSED = 0.1
+"""Share of a recording without frames of the other views at its side that is worth saying."""
 
 
 def check_signal(inputs: AuditInputs) -> AuditCheck:
@@ -110,6 +113,27 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
         good="no frame is missing or repeated",
         bad="the recording of '{}' lacks frames or repeats them",
     )
+
+
+def check_duration(inputs: AuditInputs) -> AuditCheck:
+    """Number of common frames in which the best-tracked point of the structure has a trusted displacement.
+
+    Notes
+    -----
+    The standard deviation of noise is known from n frames to ``1 / sqrt(2 n)`` of itself; a tenth needs 50.
+    """
+    name = "length of the recording"
+    ok = (inputs.displacement.sel(point=inputs.moving)["status"].values == Status.OK).sum(axis=0)
+    frames = int(ok.max()) if ok.size else 0
+    common = inputs.aligned.sizes["time"]
+    unused = {view: 1 - common / max(t.sizes["time"], 1) for view, t in inputs.tracks.items()}
+    view, share = max(unused.items(), key=lambda pair: pair[1], default=("", 0.0))
+    rest = f"; {100 * share:.0f} % of {view!r} has no frame at its side and is not used" if share > _UNUSED else ""
+    if frames >= _FRAMES_CAUTION:
+        good = f"{frames} frames of all views together are enough to judge noise and motion by{rest}"
+        return AuditCheck(name, Outcome.PASS, frames, _FRAMES_CAUTION, "", good, larger_is_better=True)
+    bad = f"{frames} trusted frames of all views together are too few to judge noise, clocks and cameras by{rest}"
+    return AuditCheck(name, Outcome.CAUTION, frames, _FRAMES_CAUTION, "", bad, larger_is_better=True)
 
 
 def check_refinement(inputs: AuditInputs) -> AuditCheck | None:

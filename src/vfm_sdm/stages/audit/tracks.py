@@ -8,7 +8,7 @@ import xarray as xr
 from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known, unbroken_runs
 from vfm_sdm.core.covariances import edges_across, find_edges, measured_variance
 from vfm_sdm.core.datasets import Status
-from vfm_sdm.core.statuses import Outcome
+from vfm_sdm.core.statuses import CameraMotionStatus, Outcome
 from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
 
 __all__ = [
@@ -32,6 +32,7 @@ _FROZEN_CAUTION, _FROZEN_FAIL = 1e-9, 0.05
 _BLOCKS = 8
 """Parts of the recording whose means are compared for drift."""
 _SIGNIFICANT = 5.0
+_MAD_TO_STD = 1.4826
 _SLIP_CAUTION, _SLIP_FAIL = 0.1, 0.3
 _STILL_CAUTION, _STILL_FAIL = 0.1, 0.5
 """Limits of the motion of what must not move, as shares of the structure's motion [1]."""
@@ -123,9 +124,12 @@ def check_slip(inputs: AuditInputs) -> AuditCheck:
     found = {}
     for point, (means, noise) in drifts.items():
         others = [m for p, (m, _) in drifts.items() if p != point]
-        own = means - np.median(others, axis=0) if len(others) > 1 else means
+        own, least = means, noise
+        if len(others) > 1:
+            own = means - np.median(others, axis=0)
+            least = float(np.hypot(noise, np.median([n for p, (_, n) in drifts.items() if p != point])))
         drift = float(np.ptp(own))
-        found[point] = drift / scale[point] if drift > _SIGNIFICANT * noise and scale[point] > 0 else 0.0
+        found[point] = drift / scale[point] if drift > _SIGNIFICANT * least and scale[point] > 0 else 0.0
     return judge(
         "slipping tracks",
         found,
@@ -166,11 +170,14 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
     left, removed = {}, {}
     for view, tracks in inputs.tracks.items():
         structure = float(np.fmax.reduce(inputs.motion_px(view), initial=0.0))
+        motion = inputs.camera_motion.get(view)
         common, noise = _compute_common_motion(tracks, inputs.static_in(view))
+        if motion is not None and motion.status == CameraMotionStatus.NO_GAIN:
+            # They move, but not together: air, which the noise of the steady tracks holds.
+            _, noise = _compute_common_motion(inputs.aligned.sel(view=view), inputs.static_in(view))
         if not (structure > 0 and len(common)):
             continue
         moved = float(np.sqrt(max(float(common.var(axis=0).sum()) - (NOISE_TRUST * noise) ** 2, 0.0)) / structure)
-        motion = inputs.camera_motion.get(view)
         left[view] = moved
         if motion is not None and motion.applied and moved >= _STILL_CAUTION:
             removed[view] = motion
@@ -335,7 +342,10 @@ def _compute_block_means(values: FloatArray, std: FloatArray, ok: BoolArray) -> 
     noise = float(np.sqrt(np.mean(std[ok] ** 2) / min(len(block) for block in blocks)))
     # Motion of the structure does not average out over a short block.
     spread = float(np.median([np.std(values[block]) / np.sqrt(len(block)) for block in blocks]))
-    return np.array([values[block].mean() for block in blocks]), max(noise, spread)
+    # Nor do slow errors, as of trembling air: halves that follow each other show what is left of them.
+    halves = np.array([values[half].mean() for block in blocks for half in np.array_split(block, 2)])
+    slow = _MAD_TO_STD * float(np.median(np.abs(np.diff(halves)))) / 2
+    return np.array([values[block].mean() for block in blocks]), max(noise, spread, slow)
 
 
 def _compute_excess(series: xr.Dataset) -> float:

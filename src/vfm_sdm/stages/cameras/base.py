@@ -22,10 +22,14 @@ class Hypothesis:
         Cameras of all views with their prior covariance.
     matches
         Matches that agree with them.
+    halves
+        The same from either half of all matches, for a few ways of halving them; empty where the cameras do not follow
+        from matches alone.
     """
 
     rig: Rig
     matches: tuple[Matches, ...]
+    halves: tuple[tuple["Hypothesis", "Hypothesis"], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,8 @@ class CameraEstimate:
         Sentences for the summary and the audit.
     others
         Further cameras that the images allow; the adjustment to the site decides.
+    halves
+        See `Hypothesis`.
     """
 
     rig: Rig | None
@@ -53,6 +59,7 @@ class CameraEstimate:
     status: str = CameraStatus.OK
     notes: tuple[str, ...] = ()
     others: tuple[Hypothesis, ...] = ()
+    halves: tuple[tuple[Hypothesis, Hypothesis], ...] = ()
 
 
 class CameraEstimator(Protocol):

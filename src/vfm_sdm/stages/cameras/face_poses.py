@@ -14,12 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.geometry.camera import Camera
-from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
-from vfm_sdm.inputs.session import Readings, Site
-from vfm_sdm.stages.cameras.relative_pose import count_places
+from vfm_sdm.inputs.session import Readings
+from vfm_sdm.stages.cameras.face_votes import Integers, count_votes
+from vfm_sdm.stages.cameras.relative_pose import count_places, number_cells
+from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["Face", "PoseOnFace", "propose_poses"]
+__all__ = ["PoseOnFace", "propose_poses"]
 
 _DIRECTIONS = 72
 """Directions of the baseline that are tried, 5 degrees apart: a turn by half of that moves a point on the face by less
@@ -38,57 +39,6 @@ _STEEPEST = np.radians(60)
 _SAME_POSE = np.radians(3)
 _PROPOSALS = 3
 _FITS = 12
-
-
-@dataclass(frozen=True, eq=False)
-class Face:
-    """The structure's face in the first camera's frame, as measured on site.
-
-    Parameters
-    ----------
-    axes
-        Rotation from the first camera to the structure's axes, shape (3, 3); its first row is normal to the face.
-    distance_m
-        Distance of the face from the first camera [m].
-    std_m
-        Standard deviation of the distance of what lies on it [m].
-    """
-
-    axes: FloatArray
-    distance_m: float
-    std_m: float
-
-    @classmethod
-    def of(cls, site: Site) -> "Face | None":
-        """The face from the distances and the level of the reference camera; ``None`` without the distances."""
-        across, along, level = site.perpendicular_distance, site.longitudinal_distance, site.reference_camera_level
-        if across is None or along is None:
-            return None
-        pitch, roll = (0.0, 0.0) if level is None else np.radians([level.pitch, level.roll])
-        angle = compute_view_angle(across.value, along.value)
-        axes = structure_from_cam1(angle, pitch_rad=pitch, roll_rad=roll, side=site.structure_side)
-        return cls(axes, across.value, float(np.hypot(across.std, site.face_offset_std)))
-
-    def points(self, camera: Camera, pixels: FloatArray, beyond_m: float = 0.0) -> FloatArray:
-        """Points on the face that the first camera sees, along the structure's axes.
-
-        Parameters
-        ----------
-        camera
-            Intrinsics and distortion of the first camera.
-        pixels
-            Pixels, shape (N, 2) [px].
-        beyond_m
-            How far behind the face [m].
-
-        Returns
-        -------
-        points3d
-            Points, shape (N, 3) [m]; NaN where the ray does not meet the face.
-        """
-        rays = np.column_stack([camera.normalize(pixels), np.ones(len(pixels))]) @ self.axes.T
-        depth = np.where(rays[:, 0] > 1e-3, (self.distance_m + beyond_m) / np.maximum(rays[:, 0], 1e-3), np.nan)
-        return np.asarray(rays * depth[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +95,12 @@ def propose_poses(
         return []
     voters = np.flatnonzero(ground.usable)
     voters = voters[np.linspace(0, len(voters) - 1, min(len(voters), _VOTERS)).astype(int)]
+    cells = number_cells(matches, cameras)
     tried, votes = [], []
     for centre in _list_centres(face, baseline_m, readings):
         poses = np.array(list(_turn_to(ground, centre, voters, readings)))
         if poses.size:
-            votes.append(count_places(ground.agree(_rotations(poses), centre, _TOLERANCE), matches, cameras))
+            votes.append(ground.count_votes(_rotations(poses), centre, _TOLERANCE, cells))
             tried.append(np.column_stack([poses, np.tile(centre, (len(poses), 1))]))
     if not tried:
         return []
@@ -216,6 +167,15 @@ class _Ground:
         across, along, length = self.errors(rotations, centre)
         limit = tolerance * self.long_side_px
         return np.asarray((np.abs(across) < limit) & (np.abs(along) < np.hypot(limit, 2 * np.minimum(length, 1e6))))
+
+    def count_votes(
+        self, rotations: FloatArray, centre: FloatArray, tolerance: float, cells: tuple[Integers, Integers]
+    ) -> IntArray:
+        """Places in the images, with these numbers of cells, where matches `agree`, shape (K,)."""
+        places = np.zeros(len(rotations), np.int64)
+        points = self.near - centre, self.far - centre, np.ascontiguousarray(self.rays[:, :2])
+        count_votes(rotations, points, (self.focal_px, tolerance * self.long_side_px), cells, places)
+        return places
 
 
 def _list_centres(face: Face, baseline_m: float, readings: Readings) -> Iterator[FloatArray]:

@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+from scipy.spatial.distance import pdist
 
-from vfm_sdm.core.arrays import LumaArray
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.files import write_file
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
@@ -23,10 +24,11 @@ from vfm_sdm.stages.cameras.opencv_file import read_opencv_camera, read_opencv_s
 __all__ = ["FileCameras", "read_camera", "read_opencv_stereo", "read_rig", "write_rig"]
 
 _FORMAT = "vfm-sdm cameras 1"
-_Number = Annotated[float, Strict()]
-_Positive = Annotated[_Number, Field(gt=0)]
-_Pixels = Annotated[int, Strict(), Field(gt=0)]
+_Number = Annotated[float, Strict(), Field(ge=-1e15, le=1e15)]
+_Focal = Annotated[float, Strict(), Field(gt=0, ge=1e-3, le=1e9)]
+_Pixels = Annotated[int, Strict(), Field(gt=0, le=10**6)]
 _Vector = tuple[_Number, _Number, _Number]
+_SAME_PLACE = 1e-9
 
 
 class _Entry(BaseModel):
@@ -36,8 +38,8 @@ class _Entry(BaseModel):
 class _CameraEntry(_Entry):
     name: Annotated[str, Field(min_length=1)]
     image_size: tuple[_Pixels, _Pixels]
-    fx: _Positive
-    fy: _Positive
+    fx: _Focal
+    fy: _Focal
     cx: _Number
     cy: _Number
     skew: _Number = 0.0
@@ -98,7 +100,7 @@ def write_rig(path: Path | str, rig: Rig, *, extra: Mapping[str, Any] | None = N
     ------
     CameraError
         ``extra`` holds something that TOML cannot.
-    OSError
+    ResultsError
         The file cannot be written.
 
     Examples
@@ -135,8 +137,7 @@ def write_rig(path: Path | str, rig: Rig, *, extra: Mapping[str, Any] | None = N
         text = tomli_w.dumps(document)
     except TypeError as error:
         raise CameraError(f"extra: expected numbers, strings, lists and tables, got another type; {error}") from error
-    with replace_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_file(path, text)
 
 
 def read_rig(path: Path | str) -> Rig:
@@ -257,6 +258,11 @@ class FileCameras:
         else:
             cameras = [rigs[files[view]].camera(view) for view in frames]
             rig = Rig.from_world(tuple(frames), cameras, metric=metric == {True})
+        distances = pdist([camera.center for camera in rig.cameras])
+        if distances.size and distances.min() < _SAME_PLACE * (1 + distances.max()):
+            raise CameraError(
+                "cameras = 'file': expected cameras that stand apart, got two at one place; correct their poses"
+            )
         if rig.covariance is None:
             notes.append("camera files: without a joint covariance their part of the uncertainty is unknown")
         return CameraEstimate(rig, (), CameraStatus.OK, tuple(notes))
@@ -289,7 +295,20 @@ def _make_rig(path: Path | str, entry: _RigEntry) -> Rig:
         if len(entry.covariance) != size or any(len(row) != size for row in entry.covariance):
             raise CameraError(f"{path}: expected a covariance of {size} x {size}, got another shape; write it anew")
         covariance = np.array(entry.covariance)
+        if not _is_covariance(covariance):
+            raise CameraError(
+                f"{path}: expected a symmetric covariance without negative variances, got another matrix; write it anew"
+            )
     return Rig(names, cameras, entry.metric, covariance)
+
+
+def _is_covariance(matrix: FloatArray) -> bool:
+    std = np.sqrt(np.clip(np.diag(matrix), 0, None))
+    scale = np.where(std > 0, std, 1.0)
+    correlation = matrix / np.outer(scale, scale)
+    if not np.allclose(correlation, correlation.T, atol=1e-6):
+        return False
+    return bool(np.linalg.eigvalsh((correlation + correlation.T) / 2).min() > -1e-6)
 
 
 def _read_posed_rig(path: Path) -> Rig:

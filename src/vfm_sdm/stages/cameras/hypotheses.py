@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import CameraStatus
-from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
 from vfm_sdm.inputs.session import Session
@@ -38,6 +38,8 @@ _RIVAL_COST = 9.0
 _AHEAD = 0.5
 """Share of the matches that have to lie in front of the cameras."""
 _SAME_RAD = np.radians(0.5)
+_BY_CHANCE = 3.0
+"""Scatter of what halves of the matches give, over the stated standard deviation, from which chance decides."""
 _CONTRADICTED = 4.0
 """A reading or prior this many standard deviations off excludes a solution where another one has none such."""
 _READINGS = {"perpendicular distance": (0.02, "m"), "longitudinal distance": (0.05, "m"), "pitch": (0.2, "deg")}
@@ -56,21 +58,24 @@ class Weighed:
         Their adjustment, with the spread of the rivals in its covariance.
     rivals
         Adjustments of the others that cannot be excluded.
+    scatter
+        What halves of the matches tell of the scatter of the solution.
     """
 
     hypothesis: Hypothesis
     adjusted: SiteAdjustment
     rivals: tuple[SiteAdjustment, ...]
+    scatter: "_Scatter"
 
     def widened(self, adjusted: SiteAdjustment) -> SiteAdjustment:
-        """A later adjustment of the same cameras with the spread of the rivals.
+        """A later adjustment of the same cameras with the spread of the rivals and the scatter of halves.
 
         Parameters
         ----------
         adjusted
             Adjustment to more than `adjusted` was.
         """
-        return _spread(adjusted, self.rivals)
+        return self.scatter.added_to(_spread(adjusted, self.rivals))
 
 
 def weigh_hypotheses(session: Session, hypotheses: Sequence[Hypothesis], adjust: Adjust) -> Weighed:
@@ -98,7 +103,8 @@ def weigh_hypotheses(session: Session, hypotheses: Sequence[Hypothesis], adjust:
         worse = one.matches is best.matches and found.cost - adjusted.cost > _RIVAL_COST
         if not worse and all(_turn(found, other) > _SAME_RAD for other in (adjusted, *rivals)):
             rivals.append(found)
-    return Weighed(best, _spread(adjusted, rivals), tuple(rivals))
+    scatter = _compare_halves(adjusted, [(adjust(half), adjust(rest)) for half, rest in best.halves])
+    return Weighed(best, _spread(adjusted, rivals), tuple(rivals), scatter)
 
 
 def _is_nearly_affine(one: Hypothesis) -> bool:
@@ -127,7 +133,7 @@ def _other_starts(one: Hypothesis) -> Iterator[Hypothesis]:
         rotation = turn.as_matrix() @ second.rotation
         moved = replace(second, cam_from_world=np.column_stack([rotation, -rotation @ centre]))
         rig = Rig(one.rig.names, (first, moved), one.rig.metric, one.rig.covariance)
-        yield Hypothesis(rig, one.matches)
+        yield replace(one, rig=rig)
 
 
 def _unit(vector: FloatArray) -> FloatArray:
@@ -166,17 +172,82 @@ def _spread(adjusted: SiteAdjustment, rivals: Sequence[SiteAdjustment]) -> SiteA
     weights /= weights.sum()
     covariance = weights[0] * adjusted.covariance
     for weight, rival in zip(weights[1:], rivals, strict=True):
-        away = np.zeros(len(adjusted.covariance))
-        away[:-3] = compare_rigs(rival.rig, adjusted.rig)
-        if rival.frame is not None and adjusted.frame is not None:
-            away[-3:] = Rotation.from_matrix(rival.frame.rotation @ adjusted.frame.rotation.T).as_rotvec()
+        away = _compare(rival, adjusted)
         covariance = covariance + weight * (rival.covariance + np.outer(away, away))
+    widened = _with_covariance(adjusted, covariance)
+    notes = (*adjusted.notes, *(_describe(adjusted, rival) for rival in rivals))
+    status = CameraStatus.SEVERAL if adjusted.status == CameraStatus.OK else adjusted.status
+    return replace(widened, status=status, notes=notes)
+
+
+def _compare(one: SiteAdjustment, other: SiteAdjustment) -> FloatArray:
+    """Difference of two solutions in the order and units of their joint covariance."""
+    away = np.zeros(len(one.covariance))
+    away[:-3] = compare_rigs(one.rig, other.rig)
+    if one.frame is not None and other.frame is not None:
+        away[-3:] = Rotation.from_matrix(one.frame.rotation @ other.frame.rotation.T).as_rotvec()
+    return away
+
+
+def _with_covariance(adjusted: SiteAdjustment, covariance: FloatArray) -> SiteAdjustment:
     count = len(covariance) - 3
     frame = adjusted.frame and StructureFrame(adjusted.frame.rotation, covariance[count:, count:])
     rig = replace(adjusted.rig, covariance=covariance[:count, :count])
-    notes = (*adjusted.notes, *(_describe(adjusted, rival) for rival in rivals))
-    status = CameraStatus.SEVERAL if adjusted.status == CameraStatus.OK else adjusted.status
-    return replace(adjusted, rig=rig, frame=frame, covariance=covariance, status=status, notes=notes)
+    return replace(adjusted, rig=rig, frame=frame, covariance=covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scatter:
+    """Scatter of a solution that its stated covariance leaves out, and what to say where chance decides."""
+
+    covariance: FloatArray
+    note: str = ""
+
+    def added_to(self, adjusted: SiteAdjustment) -> SiteAdjustment:
+        """An adjustment with the scatter in its covariance, and named where chance decides."""
+        if adjusted.rig.covariance is None or not self.covariance.any():
+            return adjusted
+        widened = _with_covariance(adjusted, adjusted.covariance + self.covariance)
+        if not self.note:
+            return widened
+        status = CameraStatus.NOT_CLEAR if adjusted.status == CameraStatus.OK else adjusted.status
+        return replace(widened, status=status, notes=(*adjusted.notes, self.note))
+
+
+def _compare_halves(adjusted: SiteAdjustment, halves: Sequence[tuple[SiteAdjustment, SiteAdjustment]]) -> _Scatter:
+    """What halves of the matches tell of the scatter of a solution.
+
+    The estimates from two independent halves of the data differ by twice the standard deviation of the estimate from
+    all of them (half-samples [1]_). The covariance of a least-squares adjustment takes the matches for right; which of
+    them agree, and so the pose, may be chance.
+
+    References
+    ----------
+    .. [1] McCarthy, P. J. (1969). Pseudo-replication: half samples. Review of the International Statistical Institute
+       37(3), 239-264.
+    """
+    nothing = np.zeros_like(adjusted.covariance)
+    if not halves:
+        return _Scatter(nothing)
+    apart = np.stack([_compare(one, other) / 2 for one, other in halves])
+    size = len(CAMERA_PARAMETERS)
+    turned = np.concatenate([np.arange(start + 4, start + 7) for start in range(size, size * len(adjusted.rig), size)])
+    stated = np.linalg.pinv(adjusted.covariance[np.ix_(turned, turned)], hermitian=True)
+    turns = apart[:, turned]
+    square = float(np.einsum("hi,ij,hj->", turns, stated, turns) / turns.size)
+    if square <= 1:
+        return _Scatter(nothing)
+    # What the stated covariance explains already is no news.
+    covariance = (1 - 1 / square) * apart.T @ apart / len(apart)
+    if square <= _BY_CHANCE**2:
+        return _Scatter(covariance)
+    turn = np.degrees(max(_turn(one, other) for one, other in halves))
+    note = (
+        f"halves of the matches give cameras that differ by up to {turn:.1f} degrees, {np.sqrt(square):.0f} times as "
+        "much as they should: which matches agree is chance; name five points in both views (pixel_in), measure both "
+        "distances of the face, or use a learned matcher"
+    )
+    return _Scatter(covariance, note)
 
 
 def _describe(adjusted: SiteAdjustment, rival: SiteAdjustment) -> str:

@@ -11,16 +11,18 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Readings, Session, quiet_frames
-from vfm_sdm.stages.cameras.face_poses import Face, PoseOnFace, propose_poses
+from vfm_sdm.stages.cameras.face_poses import PoseOnFace, propose_poses
 from vfm_sdm.stages.cameras.relative_pose import (
     Agreement,
     chance_agreement,
     count_places,
     estimate_relative_pose,
+    halve_matches,
     measure_agreement,
 )
 from vfm_sdm.stages.matching.base import FeatureMatcher
 from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
+from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.points import NAMED_STD_PX, named_points
@@ -48,6 +50,8 @@ what lies on the face, and a camera that was levelled by eye."""
 _NOISE = 2e-3
 """Tolerance of a feature's place across the epipolar line, over the longer side."""
 _DEPTH_STD = 2.5
+_SPLITS = 3
+"""Ways of halving the matches: nine differences of angles tell a scatter to a quarter of it."""
 _AGREEING = 0.7
 """Share of the matches of one pose that have to agree with another one, for the two to count as the same."""
 
@@ -94,6 +98,8 @@ class RelatedView:
         The same in a word.
     named
         Points that the session names in both views, which always take part.
+    halves
+        What either half of all matches gives, for a few ways of halving them; empty where the face gives the pose.
     """
 
     camera: Camera
@@ -103,6 +109,7 @@ class RelatedView:
     fault: str = ""
     status: CameraStatus = CameraStatus.OK
     named: Matches | None = None
+    halves: tuple[tuple["RelatedView", "RelatedView"], ...] = ()
 
     @property
     def all_matches(self) -> tuple[Matches, ...]:
@@ -154,7 +161,12 @@ def relate_to_first(
             )
         pair = (images[first], images[name]), (cameras[0], cameras[index])
         related = relate_view((first, name), *pair, index, known, matcher=matcher)
-        yield [one if one.matches is known.named else replace(one, named=known.named) for one in related]
+        yield [one if one.matches is known.named else _with_named(one, known.named) for one in related]
+
+
+def _with_named(one: RelatedView, named: Matches | None) -> RelatedView:
+    halves = tuple((replace(half, named=named), replace(rest, named=named)) for half, rest in one.halves)
+    return replace(one, named=named, halves=halves)
 
 
 def relate_view(
@@ -216,13 +228,35 @@ def _relate_freely(
     one = RelatedView(replace(cameras[1], cam_from_world=pose), matches.chosen(agree), real, chance)
     judged = _judged(names, one, len(matches))
     judged = replace(judged, matches=_close_ones(judged, cameras[0]))
-    if judged.fault or (agree & alone).sum() >= MIN_INLIERS:
+    if judged.fault:
         return judged
+    if (agree & alone).sum() >= MIN_INLIERS:
+        return replace(judged, halves=_relate_halves(judged, matches, cameras))
     fault = (
         f"{names[0]} and {names[1]}: all but {(agree & alone).sum()} of {agree.sum()} matches lie on what repeats, "
         f"{MIN_INLIERS} others are needed; name five points in both views (pixel_in), or choose views that show more"
     )
     return replace(judged, fault=fault, status=CameraStatus.NOT_CLEAR)
+
+
+def _relate_halves(
+    one: RelatedView, matches: Matches, cameras: tuple[Camera, Camera]
+) -> tuple[tuple[RelatedView, RelatedView], ...]:
+    """Poses that either half of all matches, right and wrong ones, gives by itself.
+
+    Matches that agree by chance agree with the pose that was chosen for their sake, as closely as right ones. With
+    another half of the matches, others do, with another pose.
+    """
+
+    def relate(half: BoolArray) -> RelatedView:
+        part = matches.chosen(half)
+        pose, agree = estimate_relative_pose(part.points_first, part.points_second, *cameras)
+        camera = replace(cameras[1], cam_from_world=pose) if agree.any() else one.camera
+        posed = replace(one, camera=camera, matches=part.chosen(agree))
+        return replace(posed, matches=_close_ones(posed, cameras[0]))
+
+    halves = halve_matches(matches, cameras, _SPLITS)
+    return tuple((relate(half), relate(~half)) for half in halves)
 
 
 def _close_ones(one: RelatedView, first: Camera) -> Matches:

@@ -10,7 +10,15 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["Agreement", "chance_agreement", "count_places", "estimate_relative_pose", "measure_agreement"]
+__all__ = [
+    "Agreement",
+    "chance_agreement",
+    "count_places",
+    "estimate_relative_pose",
+    "halve_matches",
+    "measure_agreement",
+    "number_cells",
+]
 
 _CELLS = 16
 """Cells along the longer side of an image; matches of one cell count once."""
@@ -74,6 +82,41 @@ class Agreement:
     share: float
 
 
+def halve_matches(matches: Matches, cameras: tuple[Camera, Camera], splits: int) -> list[BoolArray]:
+    """Random halves of the places in the first image, with all their matches.
+
+    Parameters
+    ----------
+    matches
+        N matches [px].
+    cameras
+        Cameras of the two views, for the sizes of their images.
+    splits
+        Number of ways of halving.
+
+    Returns
+    -------
+    halves
+        Which matches are in the one half, shape (N,) each; the others are in the other half.
+
+    Notes
+    -----
+    Matches of one place repeat each other, so that halves of matches would not be independent.
+
+    Examples
+    --------
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> pixels = [[10.0, 9.0], [12.0, 9.0], [600.0, 9.0]]
+    >>> [half] = halve_matches(Matches(0, 1, pixels, pixels), (camera, camera), 1)
+    >>> bool(half[0] == half[1]), bool(half[0] == half[2])
+    (True, False)
+    """
+    member = _cell_members(matches, cameras)[0]
+    rng = np.random.default_rng(0)
+    cells = member.shape[1]
+    return [member[:, rng.permutation(cells)[: cells // 2]].sum(axis=1) > 0 for _ in range(splits)]
+
+
 def measure_agreement(agree: BoolArray, matches: Matches, cameras: tuple[Camera, Camera]) -> Agreement:
     """How far matches agree with a pose, each place in the images with one vote.
 
@@ -112,13 +155,37 @@ def measure_agreement(agree: BoolArray, matches: Matches, cameras: tuple[Camera,
 def _cell_members(matches: Matches, cameras: tuple[Camera, Camera]) -> list[npt.NDArray[np.float32]]:
     """Which match lies in which cell of either image, shape (N, cells in use) each."""
     members = []
-    for places, camera in zip((matches.points_first, matches.points_second), cameras, strict=True):
-        column, row = (places // (max(camera.image_size) / _CELLS)).astype(int).T
-        used, number = np.unique(row * _CELLS + column, return_inverse=True)
-        member = np.zeros((len(places), len(used)), dtype=np.float32)
-        member[np.arange(len(places)), number.ravel()] = 1
+    for number in number_cells(matches, cameras):
+        member = np.zeros((len(number), int(number.max(initial=-1)) + 1), dtype=np.float32)
+        member[np.arange(len(number)), number] = 1
         members.append(member)
     return members
+
+
+def number_cells(
+    matches: Matches, cameras: tuple[Camera, Camera]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Numbers of the cells in which matches lie, of those in use, see `count_places`, shape (N,) for either image.
+
+    Parameters
+    ----------
+    matches
+        N matches [px].
+    cameras
+        Cameras of the two views, for the sizes of their images.
+
+    Examples
+    --------
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> pixels = [[10.0, 9.0], [300.0, 9.0], [12.0, 9.0]]
+    >>> number_cells(Matches(0, 1, pixels, pixels), (camera, camera))[0].tolist()
+    [0, 1, 0]
+    """
+    numbers = []
+    for places, camera in zip((matches.points_first, matches.points_second), cameras, strict=True):
+        column, row = (places // (max(camera.image_size) / _CELLS)).astype(int).T
+        numbers.append(np.unique(row * _CELLS + column, return_inverse=True)[1].ravel().astype(np.int64))
+    return numbers[0], numbers[1]
 
 
 def chance_agreement(matches: Matches, cameras: tuple[Camera, Camera]) -> Agreement:

@@ -1,17 +1,17 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import cholesky
 
-from vfm_sdm.core.arrays import FloatArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.geometry.triangulation import sampson_error, triangulate
 from vfm_sdm.inputs.session import Readings, Site
-from vfm_sdm.stages.cameras.match_cells import group_matches, group_points
+from vfm_sdm.stages.cameras.match_cells import CellMatches, group_matches, group_points
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.matching.matches import Matches
@@ -77,6 +77,7 @@ class SiteProblem:
             raise CameraError("site adjustment: expected a rig with a prior covariance, got none; state the priors")
         self._start = rig
         self._rigs: dict[bytes, Rig] = {}
+        self._face_points: tuple[bytes, list[FloatArray]] = (b"", [])
         self._site = site
         self._readings = dict(readings)
         self._face = [name for name, point in points.items() if point.on_face]
@@ -91,6 +92,7 @@ class SiteProblem:
         self._shared = [group_points(points, rig.cameras[points.views[0]].image_size) for points in shared]
         # Of the cells' few matches on the face; one cell is one place of it, as of the epipolar errors.
         self._on_face = [group for group in self._cells if group.matches.on_face.any()] if self.has_axes else []
+        self._face_matches = [group.matches.chosen(group.matches.on_face) for group in self._on_face]
         self.match_std_px = MATCH_STD_PX
         self._factor = _factor_prior(rig.covariance)
         self._rig_size = self._factor.shape[1]
@@ -238,45 +240,44 @@ class SiteProblem:
         rms
             Error [px]; NaN without matches.
         """
-        rig = self.rig(z)
-        errors = [_compute_epipolar_error(group.matches, rig) for group in self._cells]
+        errors = [one for _, one in _list_epipolar_errors(self._cells, self.rig(z))]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else float("nan")
 
-    def cell_rms(self, z: FloatArray) -> float:
-        """Root mean square over the cells of the error that the matches of a cell share.
+    def cell_std(self, z: FloatArray) -> float:
+        """Standard deviation of the error that the matches of a cell share.
 
         Parameters
         ----------
         z
-            Whitened parameters, shape (M,).
+            Whitened parameters of a solution, shape (M,).
 
         Returns
         -------
-        rms
-            Error, corrected for the number of fitted parameters [px]; NaN with hardly more cells than parameters.
+        std
+            Standard deviation [px]; NaN with hardly more cells than parameters.
 
         Notes
         -----
         The shared error of a cell is the median of the epipolar errors of its matches, and for points that several
-        views see the median of their reprojection errors.
+        views see the median of their reprojection errors. A standard deviation from a few cells is uncertain itself:
+        parameters adjusted with it have Student's distribution, whose variance is larger by ``f / (f - 2)`` with f the
+        number of cells less that of fitted parameters.
         """
         rig = self.rig(z)
         squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
-        for group in self._pairs:
+        for group, errors in _list_epipolar_errors(self._pairs, rig):
             if group.matches.std_px:
                 continue
-            error = _compute_epipolar_error(group.matches, rig)
-            means = np.array([np.median(error[group.cell == cell]) for cell in np.unique(group.cell)])
+            medians = _cell_medians(errors, group.cell)
             # Wrong matches must not make the right ones count less.
-            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(means)))
-            squares += float(np.sum(np.square(np.clip(means, -limit, limit))))
-            free += len(means)
+            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
+            squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
+            free += len(medians)
         for shared in self._shared:
-            errors = shared.points.errors(rig)
-            shifts = [np.nanmedian(errors[shared.cell == cell], axis=0) for cell in np.unique(shared.cell)]
-            squares += float(np.sum(np.square(shifts)))
-            free += shared.points.constraints * len(shifts)
-        return float(np.sqrt(squares / free)) if free > _POSE_PARAMETERS else float("nan")
+            medians = _cell_medians(shared.points.errors(rig), shared.cell)
+            squares += float(np.sum(np.square(medians)))
+            free += shared.points.constraints * len(medians)
+        return float(np.sqrt(squares / (free - 2))) if free > _POSE_PARAMETERS else float("nan")
 
     def _list_distances(self, rig: Rig) -> list[AdjustedValue]:
         """Distances of the third and further cameras from the reference camera; that of the second is the baseline."""
@@ -363,10 +364,8 @@ class SiteProblem:
         lateral_axis = self.structure_rotation(z)[0]
         _, _, perpendicular, _, offset, lean = self._get_extra(z)
         parts = [np.empty(0)]
-        for group in self._on_face:
-            m = group.matches.chosen(group.matches.on_face)
-            pair = Rig(("first", "second"), (rig.cameras[m.first], rig.cameras[m.second]))
-            lateral = triangulate(np.stack([m.points_first, m.points_second]), pair) @ lateral_axis
+        for group, m, points3d in zip(self._on_face, self._face_matches, self._triangulate_face(z, rig), strict=True):
+            lateral = points3d @ lateral_axis
             # What lies on a face is stepped along its height: an edge beam above, a girder behind it below.
             height = rig.cameras[m.first].image_size[1] / 2
             shift = offset + lean * (m.points_first[:, 1] / height - 1)
@@ -374,14 +373,24 @@ class SiteProblem:
             parts.append(_bend(scaled) * group.weight[group.matches.on_face])
         return np.concatenate(parts)
 
+    def _triangulate_face(self, z: FloatArray, rig: Rig) -> list[FloatArray]:
+        """Points of the matches on the face, shape (N, 3) each; they move with the parameters of the rig alone."""
+        key = z[: self._rig_size].tobytes()
+        if self._face_points[0] != key:
+            found = []
+            for m in self._face_matches:
+                pair = Rig(("first", "second"), (rig.cameras[m.first], rig.cameras[m.second]))
+                found.append(triangulate(np.stack([m.points_first, m.points_second]), pair))
+            self._face_points = (key, found)
+        return self._face_points[1]
+
     def _compute_match_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the matches of pairs of views."""
-        rig = self.rig(z)
-        parts = [np.empty(0)]
-        for group in self._pairs:
-            error = _compute_epipolar_error(group.matches, rig)
-            parts.append(_bend(error / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight)
-        return np.concatenate(parts)
+        parts = [
+            _bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
+            for group, errors in _list_epipolar_errors(self._pairs, self.rig(z))
+        ]
+        return np.concatenate([np.empty(0), *parts])
 
     def _compute_shared_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the points that three views or more see."""
@@ -449,6 +458,13 @@ def _factor_prior(covariance: FloatArray) -> FloatArray:
     return factor
 
 
-def _compute_epipolar_error(m: Matches, rig: Rig) -> FloatArray:
-    """Sampson error of each match, shape (N,) [px]."""
-    return sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
+def _list_epipolar_errors(groups: Sequence[CellMatches], rig: Rig) -> Iterator[tuple[CellMatches, FloatArray]]:
+    """Groups of matches with the Sampson error of each match, shape (N,) [px]."""
+    for group in groups:
+        m = group.matches
+        yield group, sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
+
+
+def _cell_medians(errors: FloatArray, cell: IntArray) -> FloatArray:
+    """Median of the errors (N, ...) of each cell, shape (cells, ...)."""
+    return np.array([np.nanmedian(errors[cell == one], axis=0) for one in np.unique(cell)])

@@ -10,9 +10,9 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import structure_from_cam1
 from vfm_sdm.inputs.session import Level, Readings, Site
 
-__all__ = ["AdjustedValue", "SitePoint", "SiteState", "list_measured"]
+__all__ = ["POINTED_STD_PX", "AdjustedValue", "SitePoint", "SiteState", "list_measured"]
 
-_POINTED_STD_PX = 0.5
+POINTED_STD_PX = 0.5
 """Least standard deviation of where a point that somebody measured to lies [px]."""
 
 
@@ -55,14 +55,14 @@ class SitePoint:
     """
 
     pixels: FloatArray
-    std_px: FloatArray | float = _POINTED_STD_PX
+    std_px: FloatArray | float = POINTED_STD_PX
     on_face: bool = False
 
     def __post_init__(self) -> None:
         pixels = as_float_array(self.pixels, "pixels of a point", (None, 2))
         std = np.broadcast_to(np.asarray(self.std_px, dtype=np.float64), pixels.shape)
         object.__setattr__(self, "pixels", pixels)
-        object.__setattr__(self, "std_px", np.fmax(std, _POINTED_STD_PX))
+        object.__setattr__(self, "std_px", np.fmax(std, POINTED_STD_PX))
 
 
 @dataclass(frozen=True, eq=False)

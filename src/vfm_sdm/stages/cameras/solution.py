@@ -12,7 +12,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import make_points
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.geometry.camera import Rig
@@ -85,9 +85,7 @@ def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path
     if solution.rig is not None:
         write_rig(path, solution.rig, extra=site)
         return Path(path)
-    with replace_file(path) as temporary:
-        temporary.write_text(tomli_w.dumps({"extra": site}), encoding="utf-8")
-    return Path(path)
+    return write_file(path, tomli_w.dumps({"extra": site}))
 
 
 def read_solution(path: Path | str) -> tuple[CameraSolution, str]:

@@ -69,7 +69,7 @@ def solve_cameras(
         return CameraSolution(None, None, None, points, status=estimate.status, notes=estimate.notes)
     # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
     known = estimate.rig.covariance is not None
-    hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches), *estimate.others]
+    hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches, estimate.halves), *estimate.others]
     given = named_points(session, views)
     weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given)[0])
     finder = PointFinder(session, frames, matcher)

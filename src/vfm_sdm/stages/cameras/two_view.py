@@ -73,9 +73,14 @@ class TwoViewCameras:
         if len(related) > 1:
             return _estimate_several(priors, [views[0] for views in related])
         first = priors.cameras[0]
-        hypotheses = [Hypothesis(priors.metric_rig([first, one.camera]), one.all_matches) for one in related[0]]
-        best, *others = hypotheses
-        return CameraEstimate(best.rig, best.matches, CameraStatus.OK, priors.notes, tuple(others))
+        best, *others = (_suppose(priors, first, one) for one in related[0])
+        return CameraEstimate(best.rig, best.matches, CameraStatus.OK, priors.notes, tuple(others), best.halves)
+
+
+def _suppose(priors: CameraPriors, first: Camera, one: RelatedView) -> Hypothesis:
+    """Cameras of two views with the prior covariance, and those of either half of the matches."""
+    halves = tuple((_suppose(priors, first, half), _suppose(priors, first, rest)) for half, rest in one.halves)
+    return Hypothesis(priors.metric_rig([first, one.camera]), one.all_matches, halves)
 
 
 def _estimate_several(priors: CameraPriors, related: list[RelatedView]) -> CameraEstimate:

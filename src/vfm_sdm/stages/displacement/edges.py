@@ -25,7 +25,7 @@ _STILLEST = 0.1
 OPEN_SHARE = 0.1
 """Share of the prior's variance that pixels may leave; with more, an axis counts as not measured: by this share motion
 comes out too small, because the prior draws it to zero."""
-_MOVING = 3.0
+_MOVING = 2.0
 """Standard deviations of its noise from which on a point is seen to move (root mean square)."""
 _FEWEST_SAMPLES = 10
 _LEAST_PX = 1e-3

@@ -15,11 +15,11 @@ from vfm_sdm.errors import DatasetError
 
 __all__ = ["COMPONENTS", "COVERAGE_FACTOR", "BudgetInputs", "add_uncertainty", "compression_gain_std"]
 
-COMPONENTS = ("random", "cameras", "synchronization", "assumption", "compression", "subset")
+COMPONENTS = ("random", "cameras", "synchronization", "assumption", "compression", "subset", "origin")
 """Components of the budget. Random: scatter of the tracks. Cameras: focal lengths, pose, baseline, lengths of the site
 and axes. Synchronization: offset between the views. Assumption: motion along the axis that the refinement suppresses.
 Compression: the loss of every motion in a video codec. Subset: motion beside the point that its subset
-holds, by the spread of the gains of its parts."""
+holds, by the spread of the gains of its parts. Origin: the position that displacement is relative to."""
 COVERAGE_FACTOR = 2.0
 """Factor k of the expanded uncertainty, for about 95 % of a normal distribution."""
 
@@ -79,7 +79,7 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     Returns
     -------
     displacement
-        The dataset with ``uncertainty``, standard deviations of shape (6, T, P, 3) [mm]; and with ``combined_std`` and
+        The dataset with ``uncertainty``, standard deviations of shape (7, T, P, 3) [mm]; and with ``combined_std`` and
         ``expanded_uncertainty``, shape (T, P, 3) [mm]. NaN where a component is not known, such as the cameras of a
         file that states no covariance.
 
@@ -107,7 +107,9 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
       belongs to d; else `compression_gain_std` of the poorest view, times ``|d|``. At least half of what one view shows
       more than another, because noise takes bits too, and a dark view loses more than its size tells;
     - subset: where parts of the subsets were compared (``part_gain_std`` of the tracks), the spread of their gains in
-      each view and direction, through J in the same way.
+      each view and direction, through J in the same way;
+    - origin: the covariance of the origin (``origin_covariance`` of the tracks,
+      `vfm_sdm.stages.displacement.origin.include_origin`) through J, the same for all samples.
 
     Of more than two views, J and C_a are those of the views that a sample comes from. Components are taken as
     independent and add as squares. All but the first are systematic: they do not average out over a series.
@@ -134,6 +136,7 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
         "assumption": _compute_assumption_std(displacement, tracks, inputs),
         "compression": _compute_compression_std(displacement, tracks, inputs),
         "subset": _compute_subset_std(displacement, tracks),
+        "origin": _compute_origin_std(displacement, tracks),
     }
     budget = np.stack([parts[name] for name in COMPONENTS])
     combined = np.sqrt(np.sum(budget**2, axis=0))
@@ -199,6 +202,20 @@ def _compute_subset_std(displacement: xr.Dataset, tracks: xr.Dataset) -> FloatAr
     if "part_gain_std" not in tracks:
         return np.zeros(displacement["displacement"].shape)
     return _spread_gains(displacement, tracks, "part_gain_std")
+
+
+def _compute_origin_std(displacement: xr.Dataset, tracks: xr.Dataset) -> FloatArray:
+    """Standard deviation from the origin of each series, shape (T, P, 3) [mm]."""
+    shape = displacement["displacement"].shape
+    if "origin_covariance" not in tracks:
+        return np.zeros(shape)
+    covariance = tracks["origin_covariance"].transpose("view", "point", ...).values
+
+    def effect(per_px: FloatArray) -> FloatArray:
+        J = np.nan_to_num(per_px)
+        return np.broadcast_to(np.sqrt(np.einsum("pavk,vpkl,pavl->pa", J, covariance, J)), shape)
+
+    return _apply_by_views(displacement, "pixel_sensitivity", effect)
 
 
 def _spread_gains(displacement: xr.Dataset, tracks: xr.Dataset, name: str) -> FloatArray:

@@ -16,7 +16,7 @@ __all__ = [
     "add_stretched",
     "detect_features",
     "find_alike",
-    "find_nearest",
+    "find_mutual",
     "to_eight_bit",
 ]
 
@@ -164,48 +164,66 @@ def find_alike(features: ImageFeatures, rows: IntArray) -> Float32Array:
         own = np.flatnonzero(features.version[rows] == number)
         likeness = features.descriptors[rows[own]] @ features.descriptors[members].T
         best = np.searchsorted(members, rows[own])
-        likeness[np.arange(own.size), best] = -1.0
         distance[own] = _distance(_best_elsewhere(likeness, features.points[members], best, features.place_px))
     return distance
 
 
-def find_nearest(
-    likeness: Float32Array, points: FloatArray, place_px: float
-) -> tuple[IntArray, Float32Array, Float32Array]:
-    """Most similar feature of each, its distance, and the distance to the next best at another place.
+def find_mutual(
+    likeness: Float32Array, points: tuple[FloatArray, FloatArray], place_px: tuple[float, float]
+) -> tuple[IntArray, IntArray, Float32Array, Float32Array]:
+    """Pairs of features that are most similar to each other, their distance, and that to the next best elsewhere.
 
     Parameters
     ----------
     likeness
-        Inner products of unit descriptors, shape (N, M); overwritten. -1 where a pair is out of the question.
+        Inner products of the unit descriptors of two images, shape (N, M).
     points
-        Where the M features stand, shape (M, 2) [px].
+        Where the features of both stand, shapes (N, 2) and (M, 2) [px].
     place_px
-        Distance up to which two features stand at one place [px].
+        Distances in both up to which two features stand at one place [px].
 
     Returns
     -------
-    best, distance, next_distance
-        Index of the most similar feature, the distance between descriptors, and that of the next, shape (N,) each.
+    rows, columns
+        Indices of the features of K pairs, shape (K,) each.
+    distance, next_distance
+        Distance between the descriptors of each pair, and the lesser of those to the next best feature at another place
+        of either image, shape (K,) each.
+
+    Examples
+    --------
+    >>> likeness = np.array([[0.9, 0.2], [0.8, 0.1]], np.float32)
+    >>> places = np.array([[0.0, 0.0], [9.0, 0.0]])
+    >>> [found.tolist() for found in find_mutual(likeness, (places, places), (2.0, 2.0))[:2]]
+    [[0], [0]]
     """
-    rows = np.arange(len(likeness))
     best = likeness.argmax(axis=1)
-    top = likeness[rows, best]
-    likeness[rows, best] = -1.0
-    return best, _distance(top), _distance(_best_elsewhere(likeness, points, best, place_px))
+    top = likeness[np.arange(len(likeness)), best]
+    rows = np.flatnonzero(top >= likeness.max(axis=0)[best])
+    # Of equals, the first.
+    rows = rows[np.sort(np.unique(best[rows], return_index=True)[1])]
+    columns = best[rows]
+    # The rest is asked of these pairs alone: each of the passes over all would cost as much as those above.
+    ahead = _best_elsewhere(likeness[rows], points[1], columns, place_px[1])
+    back = _best_elsewhere(np.ascontiguousarray(likeness[:, columns].T), points[0], rows, place_px[0])
+    return rows, columns, _distance(top[rows]), _distance(np.maximum(ahead, back))
 
 
 def _best_elsewhere(likeness: Float32Array, points: FloatArray, best: IntArray, place_px: float) -> Float32Array:
-    """Greatest likeness at a place other than that of ``best``, shape (N,); of the few greatest if all stand there."""
-    rows = np.arange(len(likeness))
-    found = np.full(len(likeness), np.nan, np.float32)
+    """Greatest likeness at a place other than that of ``best``, shape (N,); of the few greatest if all stand there.
+
+    ``likeness`` (N, M) is overwritten.
+    """
+    found = np.empty(len(likeness), np.float32)
+    left = np.arange(len(likeness))
+    likeness[left, best] = -1.0
     for _ in range(_PASSES):
-        column = likeness.argmax(axis=1)
-        value = likeness[rows, column]
-        likeness[rows, column] = -1.0
-        elsewhere = np.linalg.norm(points[column] - points[best], axis=1) > place_px
-        found = np.where(np.isnan(found) & elsewhere, value, found)
-    return np.where(np.isnan(found), value, found)
+        here, column = np.arange(len(left)), likeness.argmax(axis=1)
+        found[left] = likeness[here, column]
+        beside = np.linalg.norm(points[column] - points[best[left]], axis=1) <= place_px
+        likeness[here, column] = -1.0
+        likeness, left = likeness[beside], left[beside]
+    return found
 
 
 def _distance(likeness: Float32Array) -> Float32Array:

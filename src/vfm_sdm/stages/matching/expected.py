@@ -12,17 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
-from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
-from vfm_sdm.inputs.session import Site
 from vfm_sdm.stages.matching.epipolar import UNKNOWN_STD, camera_steps
+from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.starts import TILTS
 
-__all__ = ["FAR_OUTSIDE_PX", "Expected", "Face", "expect_anywhere", "expect_on_face", "know_face"]
+__all__ = ["FAR_OUTSIDE_PX", "Expected", "expect_anywhere", "expect_on_face"]
 
 _MODEL_STD_PX = 1.0
 """What lens model and affine maps leave out, for each point by itself [px]."""
-_LEVEL_STD_DEG = 1.0
-"""Standard deviation of pitch and roll without a level reading [deg]: a tripod head set by eye."""
 _MIDDLE_DEPTH = 6.0
 """Depth, in baselines, for which small planes are mapped where nothing else is known: angles of some ten degrees."""
 _LEAST_AREA = 0.1
@@ -32,28 +29,6 @@ FAR_OUTSIDE_PX = -1e6
 _STEPS = np.zeros(2), np.array([1.0, 0.0])
 _DEPTHS = 0.7, 2.0
 """Depths of a point that need not lie on the face, over the depth of the face on its viewing ray."""
-
-
-@dataclass(frozen=True, eq=False)
-class Face:
-    """The structure's face: a vertical plane across the lateral axis, in the rig's world frame and unit of length.
-
-    Parameters
-    ----------
-    frame
-        The structure's axes with their covariance.
-    distance
-        From the world's origin along the lateral axis.
-    distance_std
-        Standard deviation of that, common to all points.
-    offset_std
-        Standard deviation of how far each point lies off it.
-    """
-
-    frame: StructureFrame
-    distance: float
-    distance_std: float
-    offset_std: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,39 +65,6 @@ class Expected:
             else np.zeros((2 * len(self.position), 0))
         )
         return np.asarray(rows @ rows.T + block_diag(*self.own))
-
-
-def know_face(site: Site, rig: Rig, frame: StructureFrame | None = None) -> tuple[Rig, Face | None]:
-    """The structure's face as measured on site, and the rig in metres; without a face where it was not measured.
-
-    Parameters
-    ----------
-    site
-        What was measured.
-    rig
-        Cameras; where they have no scale, the measured baseline gives it.
-    frame
-        The structure's axes, where they are known better than from the distances and the level alone.
-    """
-    distance, along = site.perpendicular_distance, site.longitudinal_distance
-    if distance is None or along is None:
-        return rig, None
-    distance_std = distance.std
-    if not rig.metric:
-        if site.baseline is None or not rig.baseline() > 0:
-            return rig, None
-        rig = rig.scaled(site.baseline.value / rig.baseline())
-        distance_std = float(np.hypot(distance_std, distance.value * site.baseline.std / site.baseline.value))
-    if frame is None:
-        level = site.reference_camera_level
-        pitch, roll, std = (0.0, 0.0, _LEVEL_STD_DEG) if level is None else (level.pitch, level.roll, level.std_deg)
-        angle = compute_view_angle(distance.value, along.value)
-        rotation = structure_from_cam1(
-            angle, pitch_rad=np.radians(pitch), roll_rad=np.radians(roll), side=site.structure_side
-        )
-        turn = np.hypot(along.value * distance.std, distance.value * along.std) / (distance.value**2 + along.value**2)
-        frame = StructureFrame(rotation, np.diag(np.square([np.radians(std), turn, np.radians(std)])))
-    return rig, Face(frame, distance.value, distance_std, site.face_offset_std)
 
 
 def expect_anywhere(points2d: FloatArray, rig: Rig, views: tuple[int, int]) -> Expected:
@@ -175,15 +117,15 @@ def expect_on_face(
     the range that matters.
     """
     first, second = (rig.cameras[v] for v in views)
-    depth = face.distance * np.ones(len(points2d))
+    depth = face.distance_m * np.ones(len(points2d))
     position = _through_plane(points2d, first, second, face.frame.rotation[0], depth)
     shared = _shared_changes(points2d, rig, views, face)
     along = [
-        (_through_plane(points2d, first, second, face.frame.rotation[0], depth + sign * face.offset_std))
+        (_through_plane(points2d, first, second, face.frame.rotation[0], depth + sign * face.offset_std_m))
         for sign in (-1, 1)
     ]
     half = np.where(on_face[:, None], (along[1] - along[0]) / 2, 0.0)
-    relief = half / face.offset_std * _pixel_size(points2d, first, face)[:, None]
+    relief = half / face.offset_std_m * _pixel_size(points2d, first, face)[:, None]
     for number in np.flatnonzero(~on_face):
         position[number], half[number] = _line_part(points2d[number], first, second, face)
     # What the second camera cannot see is expected where its picture is not.
@@ -200,10 +142,9 @@ def expect_on_face(
 def _pixel_size(points2d: FloatArray, camera: Camera, face: Face) -> FloatArray:
     """What a pixel of a camera shows of something on the face that faces it, shape (P,) [unit of length a pixel]."""
     normal = face.frame.rotation[0]
-    beside = [
-        np.concatenate([camera.normalize(points2d + step), np.ones((len(points2d), 1))], axis=1) for step in _STEPS
-    ]
-    reach = (face.distance - normal @ camera.center) / (beside[0] @ camera.rotation @ normal)
+    ones = np.ones((len(points2d), 1))
+    beside = [np.concatenate([camera.normalize(points2d + step), ones], axis=1) for step in _STEPS]
+    reach = (face.distance_m - normal @ camera.center) / (beside[0] @ camera.rotation @ normal)
     return np.asarray(np.abs(reach) * np.linalg.norm(beside[1] - beside[0], axis=1))
 
 
@@ -226,12 +167,12 @@ def _shared_changes(points2d: FloatArray, rig: Rig, views: tuple[int, int], face
     for variance, axis in zip(variances, axes.T, strict=True):
         if variance > 0:
             steps.append((np.concatenate([np.zeros(2 * size), np.sqrt(variance) * axis, [0.0]]), 1.0))
-    steps.append((np.append(np.zeros(2 * size + 3), face.distance_std), 1.0))
+    steps.append((np.append(np.zeros(2 * size + 3), face.distance_std_m), 1.0))
 
     def moved(step: FloatArray) -> FloatArray:
         one, other = both.perturbed(step[: 2 * size]).cameras
         turned = Rotation.from_rotvec(step[2 * size : 2 * size + 3]).as_matrix() @ face.frame.rotation
-        return _through_plane(points2d, one, other, turned[0], np.full(len(points2d), face.distance + step[-1]))
+        return _through_plane(points2d, one, other, turned[0], np.full(len(points2d), face.distance_m + step[-1]))
 
     changes = [(moved(step) - moved(-step)) / (2 * length) for step, length in steps]
     if rig.covariance is None:
@@ -244,7 +185,7 @@ def _line_part(point: FloatArray, first: Camera, second: Camera, face: Face) -> 
     """Middle of the epipolar line (2,) between the depths in question, and half its length as a vector (2,) [px]."""
     normal = face.frame.rotation[0]
     ray = np.append(first.normalize(point), 1.0) @ first.rotation
-    reach = (face.distance - normal @ first.center) / (ray @ normal)
+    reach = (face.distance_m - normal @ first.center) / (ray @ normal)
     ends = second.project(first.center + reach * np.array(_DEPTHS)[:, None] * ray)
     return ends.mean(axis=0), (ends[1] - ends[0]) / 2
 
@@ -253,7 +194,7 @@ def _plane_maps(point: FloatArray, first: Camera, second: Camera, face: Face, *,
     """Maps of offsets through planes across the lateral axis and, where asked for, the longitudinal one, (W, 2, 2)."""
     axes = face.frame.rotation[[0, 2][:normals]]
     ray = np.append(first.normalize(point), 1.0) @ first.rotation
-    reach = (face.distance - face.frame.rotation[0] @ first.center) / (ray @ face.frame.rotation[0])
+    reach = (face.distance_m - face.frame.rotation[0] @ first.center) / (ray @ face.frame.rotation[0])
     place = first.center + reach * ray
     made = [_map_of_plane(point, first, second, axis, axis @ place) for axis in axes]
     return np.stack([one for one in made if np.isfinite(one).all() and _is_map(one)] or [np.eye(2)])

@@ -1,7 +1,6 @@
 """Feature matches between two images before any geometric check: SIFT, mutual nearest neighbours, ratio test."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,7 @@ from vfm_sdm.stages.matching.detection import (
     add_stretched,
     detect_features,
     find_alike,
-    find_nearest,
+    find_mutual,
 )
 
 __all__ = ["FeatureMatches", "keep_one_a_place", "match_detected", "match_features", "unite_versions"]
@@ -112,9 +111,9 @@ def match_features(
     (True, True)
     """
     images = (first, second)
-    with ThreadPoolExecutor(2) as executor:
-        found = known or executor.map(detect_features, images)
-        return match_detected(*executor.map(add_stretched, found, images))
+    # One after the other: SIFT itself works in threads, and holds eleven doubled images in single precision.
+    found = known or map(detect_features, images)
+    return match_detected(*map(add_stretched, found, images))
 
 
 def match_detected(first: ImageFeatures, second: ImageFeatures) -> FeatureMatches:
@@ -190,11 +189,12 @@ def _match_versions(
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Indices of matched features of one version of each image, and the quality of each match."""
     likeness = a.descriptors[rows] @ b.descriptors[columns].T
-    back, _, back_next = find_nearest(np.ascontiguousarray(likeness.T), a.points[rows], a.place_px)
-    best, distance, next_distance = find_nearest(likeness, b.points[columns], b.place_px)
-    next_distance = np.minimum(next_distance, back_next[best])
-    distinct = (back[best] == np.arange(rows.size)) & (distance < _RATIO * next_distance)
-    chosen, partner = rows[distinct], columns[best[distinct]]
+    one, other, distance, next_distance = find_mutual(
+        likeness, (a.points[rows], b.points[columns]), (a.place_px, b.place_px)
+    )
+    del likeness
+    distinct = distance < _RATIO * next_distance
+    chosen, partner = rows[one[distinct]], columns[other[distinct]]
     # Look-alikes within an image are asked of those that are left: this costs as much as matching two images.
     alike = np.minimum(find_alike(a, chosen), find_alike(b, partner))
     ratio = distance[distinct] / np.minimum(next_distance[distinct], alike)

@@ -14,7 +14,8 @@ from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
 from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.correspondence import Correspondence, Surface, find_correspondences
-from vfm_sdm.stages.matching.expected import FAR_OUTSIDE_PX, Expected, Face, expect_anywhere, expect_on_face, know_face
+from vfm_sdm.stages.matching.expected import FAR_OUTSIDE_PX, Expected, expect_anywhere, expect_on_face
+from vfm_sdm.stages.matching.face import Face, know_face
 from vfm_sdm.stages.matching.features import match_features
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.placing import Known, Place, place_points

@@ -84,4 +84,5 @@ class Matches:
         >>> matches.chosen(np.array([False, True])).points_first.tolist()
         [[11.0, 21.0]]
         """
-        return Matches(self.first, self.second, self.points_first[rows], self.points_second[rows], self.on_face[rows])
+        first, second = self.points_first[rows], self.points_second[rows]
+        return Matches(self.first, self.second, first, second, self.on_face[rows], self.std_px)

@@ -16,8 +16,11 @@ _GRID = 64
 _LONG_SIDE_PX = 1500
 _RATIO = 0.85
 _TWIN_PX = 2.0
+_PAIRS = 20_000
+"""Pairs of descriptors that are compared at a time: 20 MB."""
 
 Descriptors = np.ndarray[tuple[int, int], np.dtype[np.float32]]
+Similarities = np.ndarray[tuple[int], np.dtype[np.float32]]
 
 
 def match_through(
@@ -104,18 +107,27 @@ def _match_nearby(
     """Index of the most similar neighbour of each feature, and whether the two are each other's and distinct."""
     (points, descriptors), (there, others) = one, other
     reach = np.asarray(reach_px)
-    near = cKDTree(points / reach).query_ball_tree(cKDTree(there / reach), 1.0)
-    similarity = np.full((len(points), len(there)), -1.0, dtype=np.float32)
-    for row, columns in enumerate(near):
-        if columns:
-            similarity[row, columns] = others[columns] @ descriptors[row]
-    rows = np.arange(len(points))
-    best = similarity.argmax(axis=1)
-    top = similarity[rows, best]
-    mutual = similarity.argmax(axis=0)[best] == rows
+    near = cKDTree(points / reach).sparse_distance_matrix(cKDTree(there / reach), 1.0, output_type="ndarray")
+    rows, columns = near["i"], near["j"]
+    similarity = np.empty(len(rows), np.float32)
+    for start in range(0, len(rows), _PAIRS):
+        part = slice(start, start + _PAIRS)
+        similarity[part] = np.einsum("pd,pd->p", descriptors[rows[part]], others[columns[part]])
+    best, top = _most_similar(rows, columns, similarity, len(points))
+    back, _ = _most_similar(columns, rows, similarity, len(there))
     # The same corner in another orientation is no rival.
-    for row, columns in enumerate(near):
-        twins = np.linalg.norm(there[columns] - there[best[row]], axis=1) < _TWIN_PX
-        similarity[row, np.asarray(columns, dtype=int)[twins]] = -1.0
-    distinct = (1 - top) < _RATIO**2 * (1 - similarity.max(axis=1))
-    return best, mutual & distinct & (top > 0)
+    rival = np.linalg.norm(there[columns] - there[best[rows]], axis=1) >= _TWIN_PX
+    _, next_best = _most_similar(rows[rival], columns[rival], similarity[rival], len(points))
+    distinct = (1 - top) < _RATIO**2 * (1 - next_best)
+    return best, (back[best] == np.arange(len(points))) & distinct & (top > 0)
+
+
+def _most_similar(
+    rows: IntArray, columns: IntArray, similarity: Similarities, count: int
+) -> tuple[IntArray, Similarities]:
+    """Most similar partner of each row and how similar it is, of pairs; 0 and -1 for a row without one."""
+    order = np.lexsort((columns, -similarity, rows))
+    known, first = np.unique(rows[order], return_index=True)
+    best, top = np.zeros(count, np.intp), np.full(count, -1.0, np.float32)
+    best[known], top[known] = columns[order[first]], similarity[order[first]]
+    return best, top

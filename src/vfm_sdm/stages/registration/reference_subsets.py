@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import correlate1d, map_coordinates, spline_filter1d
-from scipy.signal import lfilter
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.stages.registration.designs import SubsetDesign
@@ -307,19 +306,12 @@ def _spread_smooth_noise(S: "_Images", believed: BoolArray, to_position: FloatAr
     images = images - (S.sums / S.count[:, None])[..., None] * believed[:, None]
     images = images - S.on_template[..., None] * S.template[:, None] / norm2 - S.on_shading @ S.shading
     weights = (to_position @ images).reshape(points, 2, side, side)
+    apart = np.abs(np.subtract.outer(np.arange(side), np.arange(side)))
     spread = []
     for correlation in NEIGHBOURS:
-        seen = _sum_decaying(_sum_decaying(weights, correlation, axis=2), correlation, axis=3)
-        spread.append(np.einsum("piuv,pjuv->pij", weights, seen))
+        decay = float(correlation) ** apart
+        spread.append(np.einsum("piuv,pjuv->pij", weights, decay @ weights @ decay, optimize=True))
     return np.stack(spread, axis=1)
-
-
-def _sum_decaying(images: FloatArray, correlation: float, *, axis: int) -> FloatArray:
-    """Sums along an axis with weights that fall by a factor a pixel to both sides, by recursion."""
-    pole = [1.0, -correlation]
-    forth = lfilter([1.0], pole, images, axis=axis)
-    back = np.flip(lfilter([1.0], pole, np.flip(images, axis), axis=axis), axis)
-    return np.asarray(forth + back - images)
 
 
 class _Images:

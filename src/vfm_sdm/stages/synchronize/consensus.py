@@ -13,7 +13,7 @@ from vfm_sdm.stages.synchronize.search import Group, average_groups
 from vfm_sdm.stages.synchronize.signals import Signal
 from vfm_sdm.stages.synchronize.subsample import SubsampleEstimator, SubsampleLag
 
-__all__ = ["Consensus", "Joint", "SearchedLags", "find_consensus", "tie_limit"]
+__all__ = ["Consensus", "Joint", "SearchedLags", "find_consensus", "is_tie", "tie_limit"]
 
 _NEARLY_WHOLE = 0.8
 """Share of the samples needed that must meet at the start value, where other lags have them all."""
@@ -22,6 +22,10 @@ _REACH = 1.5
 """Samples between a peak of the search and its estimated place; what lies farther away is another peak."""
 _TIE = 3.0
 """Standard deviations by which a peak must be better than the next."""
+_BETTER = 2.5
+"""The same for peaks that are compared sample by sample: one in 160 for motion that repeats itself exactly."""
+_MOSTLY = 0.5
+"""Share of the second signal's variance that a lag must explain to be compared sample by sample."""
 _CHANCE = 1e-3
 """Probability with which two unrelated recordings of noise may pass for related."""
 
@@ -251,6 +255,25 @@ def tie_limit(one: SubsampleLag, other: SubsampleLag, groups: Sequence[Group]) -
     channels = max(len(group[1]) for group in groups)
     samples = max(min(one.independent_samples, other.independent_samples), 1.0)
     return float(_TIE * 2 * np.sqrt(channels / samples))
+
+
+def is_tie(estimator: SubsampleEstimator, best: SubsampleLag, other: SubsampleLag) -> bool:
+    """Whether noise may make one lag better than another by as much.
+
+    Parameters
+    ----------
+    estimator
+        What estimated both.
+    best, other
+        What was estimated at the two lags [s].
+    """
+    if other is best:
+        return True
+    if best.dependence - other.dependence > tie_limit(best, other, estimator.groups):
+        return False
+    if best.correlation**2 < _MOSTLY:  # the best of many peaks of noise is better than most of them, too
+        return True
+    return not estimator.compare(best.lag_s, other.lag_s) > _BETTER
 
 
 def _find_peaks(dependence: FloatArray) -> list[int]:

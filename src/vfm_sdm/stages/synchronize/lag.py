@@ -8,13 +8,14 @@ import numpy as np
 from vfm_sdm.core.statuses import ClockStatus, ClockUse
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.synchronize.clock_rate import estimate_drift
-from vfm_sdm.stages.synchronize.consensus import Consensus, SearchedLags, find_consensus, tie_limit
+from vfm_sdm.stages.synchronize.consensus import Consensus, SearchedLags, find_consensus, is_tie
 from vfm_sdm.stages.synchronize.search import Group, compute_dependence
 from vfm_sdm.stages.synchronize.signals import Samples, Signal, check_signal, prepare_signal, sampling_rate
 from vfm_sdm.stages.synchronize.subsample import SubsampleLag
 
 __all__ = ["LagSearch", "Synchronization", "estimate_lag"]
 
+_FEWEST_STAMPS = 4
 _HIGHEST_SHARE = 0.25
 """Highest frequency used, as a share of the lower sampling rate; above, interpolation changes amplitudes."""
 _SHORTEST_OVERLAP_S = 3.0
@@ -128,8 +129,10 @@ def estimate_lag(
     canonical correlations R. It does not change when either side is mixed or scaled, so that two views of a motion in
     mainly two directions compare without knowing the cameras, and noisy points count less by themselves.
 
-    Two peaks are compared by their mean log generalised residual variance. For residuals of n independent samples in q
-    channels, its difference between two lags scatters by at most 2 sqrt(q / n); three times that makes a peak unique.
+    Peaks are listed by their mean log generalised residual variance. For residuals of n independent samples in q
+    channels, its difference between two lags scatters by at most 2 sqrt(q / n); what is better by three times that has
+    no rival. What is not, is compared with the best peak over the samples that both predict, where they share most of
+    their noise (`SubsampleEstimator.compare`); 2.5 standard deviations make a peak unique.
 
     A lag of whole samples is found first, by Fourier transforms, and then estimated to a fraction of a sample
     (`SubsampleEstimator`). Noise in a weakens M but does not shift the lag. Motion that only one side sees shifts it
@@ -158,6 +161,8 @@ def estimate_lag(
     groups = groups or [(tuple(range(values_a.shape[1])), tuple(range(values_b.shape[1])))]
     _check_options(groups, values_a.shape[1], values_b.shape[1], positive_gain)
     _check_search(search)
+    if min(time_a.size, time_b.size) < _FEWEST_STAMPS:
+        return _report_failure(ClockStatus.TOO_SHORT)
     rates = sampling_rate(time_a), sampling_rate(time_b)
     band = (band_hz[0], min(band_hz[1], _HIGHEST_SHARE * min(rates)))
     if not 0 < band_hz[0] < band_hz[1]:
@@ -234,12 +239,12 @@ def _search_lags(
 
 def _choose_peak(consensus: Consensus, search: LagSearch) -> tuple[SubsampleLag | None, tuple[float, ...]]:
     """The peak that stands out, by itself or by its start value; and all that are about as good."""
-    estimated, groups = consensus.joint.estimated, consensus.joint.estimator.groups
+    estimated = consensus.joint.estimated
     best = estimated[0]
     tied: list[SubsampleLag] = []
     for fit in estimated:
         known = any(abs(fit.lag_s - other.lag_s) < 3 * max(fit.lag_std_s, other.lag_std_s, 1e-4) for other in tied)
-        if best.dependence - fit.dependence <= tie_limit(best, fit, groups) and not known:
+        if is_tie(consensus.joint.estimator, best, fit) and not known:
             tied.append(fit)
     candidates = tuple(fit.lag_s for fit in tied)
     if len(tied) == 1:

@@ -68,7 +68,7 @@ def check_signal(samples: Samples, name: str) -> tuple[FloatArray, FloatArray]:
     Raises
     ------
     DatasetError
-        Shapes disagree, the stamps are not finite and increasing, or there are fewer than four.
+        Shapes disagree, or the stamps are not finite and increasing.
 
     Examples
     --------
@@ -78,8 +78,8 @@ def check_signal(samples: Samples, name: str) -> tuple[FloatArray, FloatArray]:
     """
     time_s = as_float_array(samples.time_s, f"time of {name}", (None,))
     values = as_float_array(samples.values, f"values of {name}", (time_s.size, None))
-    if time_s.size < 4 or not np.isfinite(time_s).all() or np.any(np.diff(time_s) <= 0):
-        raise DatasetError(f"time of {name}: expected four or more finite, increasing stamps; sort the samples")
+    if not np.isfinite(time_s).all() or np.any(np.diff(time_s) <= 0):
+        raise DatasetError(f"time of {name}: expected finite, increasing stamps, got others; sort the samples")
     return time_s, values
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.stages.synchronize.search import Group, group_samples, log_explained
@@ -15,6 +15,12 @@ __all__ = ["SubsampleEstimator", "SubsampleLag"]
 
 _STEPS = 20
 _SMALLEST_STEP_S = 1e-7
+_LEAST_NOISE = 1e-9
+"""Least variance of a residual over that of its signal [1]."""
+_AT_ENDS = 1e-3
+"""The same for lags that are compared: near ends and gaps a band-pass errs by a few percent of the motion, because it
+averages over fewer samples."""
+_DEGREE = 5
 _SMOOTHING_HZ = 1.0
 """Half width of the triangle over which the residual's spectrum is averaged."""
 
@@ -84,6 +90,7 @@ class SubsampleEstimator:
     def __init__(self, first: Signal, second: Signal, groups: Sequence[Group], *, fewest: float = 0.0) -> None:
         self.first, self.second, self.groups, self.fewest = first, second, groups, fewest
         self._rates_a = np.asarray(CubicSpline(first.time_s, first.values).derivative()(first.time_s))
+        self._curves_a = make_interp_spline(first.time_s, first.values, k=min(_DEGREE, len(first.values) - 1))
         self._curves_b = CubicSpline(second.time_s, second.values)
         self._rates_b = self._curves_b.derivative()
 
@@ -134,6 +141,65 @@ class SubsampleEstimator:
         samples = sum(fit.samples for fit in fits)
         return sum(fit.dependence * fit.samples for fit in fits) / samples if samples else float("nan")
 
+    def compare(self, lag_s: float, other_s: float) -> float:
+        """Standard deviations by which one lag explains the second signal better than another [1].
+
+        Parameters
+        ----------
+        lag_s, other_s
+            Seconds by which the second signal happens later: the better lag, and another [s].
+
+        Returns
+        -------
+        score
+            Of zero mean and unit variance where both are as good; NaN where no group has enough samples at both.
+
+        Notes
+        -----
+        Both lags predict the same samples of the second signal, and leave e1 and e2. The better one gains
+        ``sum(d (e1 + e2))`` with ``d = e2 - e1``, after a filter that makes e1 and e2 white and keeps of each frequency
+        the share of the signal that they leave explained (the same for both). Where both lags are as good, d and
+        e1 + e2 are not correlated, and the variance of the sum is that of d against noise as the better lag leaves it:
+        with its colour, and with what points share.
+
+        References
+        ----------
+        .. [1] Knapp, C. H., Carter, G. C. (1976). The generalized correlation method for estimation of time delay. IEEE
+           Transactions on Acoustics, Speech, and Signal Processing 24(4), 320-327.
+        """
+        ahead = self._curves_a(self.first.time_s + lag_s - other_s)
+        total, rounding, apart, residuals = 0.0, 0.0, [], []
+        for group, mask in self._present(lag_s, slice(None)):
+            both = mask & self._known_ahead(group[0], lag_s - other_s)
+            count = int(both.sum())
+            if count <= max(4 * len(group[0]), self.fewest):
+                continue
+            b = self._curves_b(self.first.time_s[both] + lag_s)[:, list(group[1])]
+            left = [_residual(values[both][:, list(group[0])], b) for values in (self.first.values, ahead)]
+            added = _AT_ENDS * float(b.var()) + 1e-300
+            whiten = np.linalg.inv(np.linalg.cholesky(left[0].T @ left[0] / count + added * np.eye(b.shape[1]))).T
+            least = added * np.sum(whiten**2, axis=0)
+            first, other, signal = (_spread_out(x @ whiten, both) for x in (*left, b - b.mean(axis=0)))
+            keep = _explained_shares(signal, (first, other), count * least, self.first.rate_hz) * np.sqrt(count)
+            # What is added counts as white noise.
+            rounding += float(np.sum(least * np.sum(_filter(other - first, keep**2) ** 2, axis=0)))
+            first, other = (_filter(x, keep) for x in (first, other))
+            total += float(np.sum((other - first) * (first + other))) / 2
+            apart.append(other - first)
+            residuals.append(first / np.sqrt(count))
+        if not apart:
+            return float("nan")
+        variance = rounding + _variance_of_sum(np.hstack(apart), np.hstack(residuals), self.first.rate_hz)
+        return total / float(np.sqrt(variance)) if variance > 0 else float("nan")
+
+    def _known_ahead(self, channels: Sequence[int], shift_s: float) -> BoolArray:
+        """Samples of the first clock at which the first signal is known a shift later, (T,)."""
+        valid = group_samples(self.first, channels)[1] > 0
+        below = np.floor(np.arange(len(valid)) + shift_s * self.first.rate_hz).astype(int)
+        inside = (below >= 0) & (below < len(valid) - 1)
+        below = np.clip(below, 0, len(valid) - 2)
+        return np.asarray(inside & valid[below] & valid[below + 1])
+
     def _present(self, lag_s: float, part: slice) -> list[tuple[Group, BoolArray]]:
         """The groups that count in a part of the first clock, each with its samples there."""
         masks = [(group, self._shared_samples(group, lag_s)[part]) for group in self.groups]
@@ -171,7 +237,7 @@ def _fit_group(
     mixture = inverse @ cross
     residual = b - a @ mixture
     spread = residual.T @ residual / len(a)
-    spread += np.eye(len(spread)) * (1e-9 * np.trace(own_b) / len(a) + 1e-300)
+    spread += np.eye(len(spread)) * (_LEAST_NOISE * np.trace(own_b) / len(a) + 1e-300)
     direction = rate_a @ mixture
     direction = direction - direction.mean(axis=0)
     direction = (direction - a @ (inverse @ (a.T @ direction))) @ np.linalg.inv(spread)
@@ -185,6 +251,45 @@ def _fit_group(
         samples=len(a),
         parameters=len(own) + 2,
     )
+
+
+def _residual(values_a: FloatArray, values_b: FloatArray) -> FloatArray:
+    """What a regression of b (T, q) on a (T, p) leaves, shape (T, q)."""
+    a, b = values_a - values_a.mean(axis=0), values_b - values_b.mean(axis=0)
+    return np.asarray(b - a @ (np.linalg.pinv(a.T @ a, rcond=1e-9, hermitian=True) @ (a.T @ b)))
+
+
+def _explained_shares(signal: FloatArray, left: Sequence[FloatArray], least: FloatArray, rate_hz: float) -> FloatArray:
+    """Amplitudes of a filter that whitens residuals and keeps what both leave explained, (F, q).
+
+    Signal and residuals have shape (T, q); ``least``, shape (q,), is the least power of a residual at any frequency.
+    """
+    power = sum(_smooth_power(one, rate_hz) for one in left) / len(left) + least
+    share = np.clip(1 - power / np.maximum(_smooth_power(signal, rate_hz), 1e-300), 0.0, 1.0)
+    return np.asarray(np.sqrt(share / power))
+
+
+def _filter(series: FloatArray, amplitudes: FloatArray) -> FloatArray:
+    """Series (T, q) with each frequency times an amplitude (F, q), shape (N, q) with N of the padded transform."""
+    length = _padded_length(len(series))
+    return np.asarray(fft.irfft(amplitudes * fft.rfft(series, length, axis=0), length, axis=0))
+
+
+def _smooth_power(series: FloatArray, rate_hz: float) -> FloatArray:
+    """Power of series (T, q) averaged over neighbouring frequencies, (F, q): the sum of squares for white noise."""
+    length = _padded_length(len(series))
+    covariance = fft.irfft(np.abs(fft.rfft(series, length, axis=0)) ** 2, length, axis=0)
+    return np.asarray(np.maximum(fft.rfft(covariance * _taper(length, rate_hz)[:, None], axis=0).real, 0.0))
+
+
+def _padded_length(samples: int) -> int:
+    return int(fft.next_fast_len(2 * samples, real=True))
+
+
+def _taper(length: int, rate_hz: float) -> FloatArray:
+    """Weights of covariances by their delay: averaging spectra over a triangle of frequencies, shape (N,)."""
+    delay_s = np.minimum(np.arange(length), length - np.arange(length)) / rate_hz
+    return np.asarray(np.sinc(delay_s * _SMOOTHING_HZ) ** 2)
 
 
 def _spread_out(values: FloatArray, mask: BoolArray) -> FloatArray:
@@ -231,11 +336,9 @@ def _independent_share(residual: FloatArray) -> float:
 
 def _variance_of_sum(weights: FloatArray, residual: FloatArray, rate_hz: float) -> float:
     """Variance of the sum of weights times a stationary residual, given over the root of its samples; both (T, Q)."""
-    length = fft.next_fast_len(2 * len(weights), real=True)
+    length = _padded_length(len(weights))
     spectrum_w, spectrum_e = fft.rfft(weights, length, axis=0), fft.rfft(residual, length, axis=0)
-    # Averaging spectra over a triangle of frequencies is tapering covariances by a squared sinc.
-    delay_s = np.minimum(np.arange(length), length - np.arange(length)) / rate_hz
-    taper = np.sinc(delay_s * _SMOOTHING_HZ) ** 2
+    taper = _taper(length, rate_hz)
     total = 0.0
     for w, e in zip(spectrum_w.T, spectrum_e.T, strict=True):
         covariance_w = fft.irfft(np.conj(w)[:, None] * spectrum_w, length, axis=0)

@@ -110,6 +110,7 @@ class IcgnTracker:
         self.max_std_px = max_std_px
         self.threads = threads or os.cpu_count() or 1
         self._expected: FloatArray | None = None
+        self._with_parts = True
 
     def starting_from(self, expected: FloatArray) -> "IcgnTracker":
         """The tracker with starts from another one that followed the same points through the same video.
@@ -121,6 +122,12 @@ class IcgnTracker:
         """
         tracker = copy(self)
         tracker._expected = expected
+        return tracker
+
+    def of_whole_subsets(self) -> "IcgnTracker":
+        """The tracker whose tracks say nothing of parts of subsets, and are the same otherwise."""
+        tracker = copy(self)
+        tracker._with_parts = False
         return tracker
 
     def track(
@@ -168,23 +175,23 @@ class IcgnTracker:
             reference frame.
         """
         points = check_points(points2d, names, video)
-        records: list[tuple[_Record, SplitSubsets, SubsetParts | None]] = []
+        records: list[tuple[_Record, SplitSubsets | None, SubsetParts | None]] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
                 size = self.subset_px
                 bank = SubsetBank.prepare(reference, points, subset_px=size, designs=designs, executor=executor)
                 record = _Record(bank, Follower(bank, reference, self.settings, executor))
-                halves = SplitSubsets(reference, bank, executor)
-                parts = None if designs is None else SubsetParts(reference, bank, executor)
+                halves = SplitSubsets(reference, bank, executor) if self._with_parts else None
+                parts = SubsetParts(reference, bank, executor) if self._with_parts and designs is not None else None
                 records.append((record, halves, parts))
                 places = iter(() if self._expected is None else self._expected)
 
                 def advance(luma: LumaArray) -> None:
                     found = record.advance(luma, next(places, None))
-                    halves.advance(luma, found)
-                    if parts is not None:
-                        parts.advance(luma, found)
+                    for one in (halves, parts):
+                        if one is not None:
+                            one.advance(luma, found)
 
                 return advance
 
@@ -208,13 +215,13 @@ class IcgnTracker:
             "subset_px": self.subset_px,
         }
         tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
+        tracks = tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
+        if halves is None:
+            return tracks
         if designs is not None and parts is not None:
             halves_covariance = (("time", "point", "pixel_a", "pixel_b"), halves.covariances(), {"units": "px2"})
             tracks = tracks.assign(_describe(designs, across, parts)).assign(half_covariance=halves_covariance)
-        return tracks.assign(
-            correlation=(("time", "point"), correlation, {"units": "1"}),
-            half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}),
-        )
+        return tracks.assign(half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}))
 
 
 def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:

@@ -50,7 +50,7 @@ class SplitSubsets:
             if any(design is not None for design in designs):
                 self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
         self._found: list[FloatArray] = []
-        self._covariances: list[FloatArray] = []
+        self._halves: dict[int, RawRegistration] = {}
         self._tried = np.zeros(len(whole), np.int64)
 
     def advance(self, luma: LumaArray, found: RawRegistration) -> None:
@@ -63,12 +63,13 @@ class SplitSubsets:
         found
             Registrations of the P whole subsets in it.
         """
-        difference, covariance = np.full((len(self._whole), 2), np.nan), np.full((len(self._whole), 2, 2), np.nan)
+        difference = np.full((len(self._whole), 2), np.nan)
         if self._bank is not None and len(self._found) % _EVERY == 0:
-            difference, covariance = self._measure(self._bank, luma, found)
+            difference, halves = self._measure(self._bank, luma, found)
+            if self._whole.designs is not None:
+                self._halves[len(self._found)] = halves
             self._tried += found.converged
         self._found.append(difference)
-        self._covariances.append(covariance)
 
     def differences(self) -> FloatArray:
         """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked.
@@ -83,9 +84,13 @@ class SplitSubsets:
 
     def covariances(self) -> FloatArray:
         """Covariances of these differences, shape (T, P, 2, 2) [px2]; NaN where the subsets were not designed."""
-        return np.stack(self._covariances)
+        covariances = np.full((len(self._found), len(self._whole), 2, 2), np.nan)
+        if self._bank is not None and self._halves:
+            stated = self._bank.interpret(RawRegistration.joined(list(self._halves.values()))).covariance
+            covariances[list(self._halves)] = stated.reshape(len(self._halves), 2, len(self._whole), 2, 2).sum(axis=1)
+        return covariances
 
-    def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> tuple[FloatArray, FloatArray]:
+    def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> tuple[FloatArray, RawRegistration]:
         affine = np.where(found.converged[:, None], found.warps[:, 2:], np.nan).reshape(-1, 2, 2)
         middle, step = self._whole.position(found.rows, found.warps), (affine @ self._apart[..., None])[..., 0]
         both = np.concatenate([affine, affine])
@@ -94,10 +99,7 @@ class SplitSubsets:
         raw = bank.run(luma, rows, np.concatenate([start, both.reshape(-1, 4)], axis=1), executor=self._executor)
         place = np.where(raw.converged[:, None], bank.position(rows, raw.warps), np.nan)
         left, right = np.split(place, 2)
-        covariance = np.full((len(left), 2, 2), np.nan)
-        if self._whole.designs is not None:
-            covariance = np.sum(np.split(bank.interpret(raw).covariance, 2), axis=0)
-        return right - left - 2 * self._apart, covariance
+        return right - left - 2 * self._apart, raw
 
 
 def _cut_half(design: SubsetDesign, side: int) -> SubsetDesign | None:

@@ -62,8 +62,7 @@ class SubsetParts:
             self._bank = SubsetBank.prepare(reference, whole.points[self._rows], designs=designs, executor=executor)
         self._taken, self._every = 0, _EVERY
         self._motion: list[FloatArray] = []
-        self._places: list[FloatArray] = []
-        self._covariances: list[FloatArray] = []
+        self._strips: list[RawRegistration] = []
 
     def advance(self, luma: LumaArray, found: RawRegistration) -> None:
         """Takes the next frame, and where the whole subsets were found in it.
@@ -80,15 +79,11 @@ class SubsetParts:
             return
         start = np.where(found.converged[:, None], found.warps, np.nan)
         rows = np.arange(len(self._rows))
-        raw = self._bank.run(luma, rows, start[self._rows], executor=self._executor)
-        strips = self._bank.interpret(raw)
+        self._strips.append(self._bank.run(luma, rows, start[self._rows], executor=self._executor))
         self._motion.append(self._whole.position(found.rows, start) - self._whole.points)
-        self._places.append(strips.position - self._whole.points[self._rows])
-        self._covariances.append(strips.covariance)
         if len(self._motion) == _MOST:
             self._every *= 2
-            for kept in (self._motion, self._places, self._covariances):
-                kept[:] = kept[1::2]
+            self._motion, self._strips = self._motion[1::2], self._strips[1::2]
 
     def judge(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Disagreement of the strips of each point.
@@ -105,9 +100,11 @@ class SubsetParts:
             theirs [1], shape (P, 2); NaN where it is not known, as where the motion is too small to tell a gain.
         """
         noise, gain_std = np.full((len(self._whole), 2), np.nan), np.full((len(self._whole), 2), np.nan)
-        if len(self._motion) < _FEWEST:
+        if self._bank is None or len(self._motion) < _FEWEST:
             return noise, gain_std
-        motion, places, covariances = (np.stack(x) for x in (self._motion, self._places, self._covariances))
+        motion, strips = np.stack(self._motion), self._bank.interpret(RawRegistration.joined(self._strips))
+        places = strips.position.reshape(len(motion), -1, 2) - self._whole.points[self._rows]
+        covariances = strips.covariance.reshape(len(motion), -1, 2, 2)
         orders = np.array([order for _, order in self._owners])
         for point, design in enumerate(self._whole.designs or ()):
             if design is None or not np.any(self._rows == point):

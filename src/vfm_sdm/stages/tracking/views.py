@@ -10,6 +10,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status, make_tracks
+from vfm_sdm.core.products import Resume
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.tracking.base import DesignedTracker, Tracker
@@ -26,6 +27,7 @@ def track_views(
     *,
     subsets: Mapping[str, Mapping[str, SubsetChoice]] | None = None,
     progress: Progress | None = None,
+    resume: Resume[dict[str, xr.Dataset]] | None = None,
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
 
@@ -45,6 +47,8 @@ def track_views(
         that is refused there has no track.
     progress
         Called with the view and the frames done.
+    resume
+        Views that were done before this run, and how to keep those that are.
 
     Raises
     ------
@@ -53,8 +57,14 @@ def track_views(
     DatasetError
         A position does not lie in its picture.
     """
-    tracks = {}
+    done = (None if resume is None else resume.found) or {}
+    tracks: dict[str, xr.Dataset] = {}
     for view, video in videos.items():
+        if view in done:
+            tracks[view] = done[view]
+            continue
+        if tracks and resume is not None:
+            resume.keep(tracks)
         chosen = None if subsets is None else subsets.get(view)
         found = _track_view(video, points.sel(view=view), tracker, chosen, _named(progress, view))
         if chosen:

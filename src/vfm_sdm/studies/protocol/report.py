@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 from vfm_sdm.outputs.results import describe_clocks
 from vfm_sdm.studies.protocol.methods import WITH_SGR, WITHOUT_SGR, ComparedMethod
 from vfm_sdm.studies.protocol.records import TestResult
@@ -195,8 +195,7 @@ def write_summary(folder: Path, tables: Mapping[str, Table], *, size: str, secon
         if f"refinement_against_{against}" in tables
     }
     document = {"size": size, "seconds": round(seconds, 1), "means_with_sgr": means, "paper": PAPER}
-    with replace_file(folder / "benchmark.json") as temporary:
-        temporary.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    write_file(folder / "benchmark.json", json.dumps(document, indent=1))
     lines = [f"# Protocol on the {size} field tests", "", "Means with SGR over the cases within the assumptions:", ""]
     lines += ["| | " + " | ".join(METRICS) + " |", "| --- " * (len(METRICS) + 1) + "|"]
     for against, values in means.items():
@@ -205,8 +204,7 @@ def write_summary(folder: Path, tables: Mapping[str, Table], *, size: str, secon
     paper = [f"{PAPER[metric]:.2f}" if metric in PAPER else "-" for metric in METRICS]
     lines.append("| the paper, its own data | " + " | ".join(paper) + " |")
     lines += ["", "Tables:", "", *(f"- [{table.title}](tables/{table.name}.md)" for table in tables.values()), ""]
-    with replace_file(folder / "README.md") as temporary:
-        temporary.write_text("\n".join(lines), encoding="utf-8")
+    write_file(folder / "README.md", "\n".join(lines))
 
 
 def _read_mean(table: Table, column: str) -> float | None:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.evaluation import Evaluation, evaluate, read_sensors
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import CameraStatus
@@ -275,6 +275,5 @@ def _keep_costs(path: Path, costs: list[Cost], reused: list[str]) -> list[Cost]:
     names = {"cameras": "camera parameter estimation", "tracking": "point tracking"}
     again = {names[stage] for stage in reused}
     known = [Cost(**earlier[c.task]) if c.task in again and c.task in earlier else c for c in costs]
-    with replace_file(path) as temporary:
-        temporary.write_text(json.dumps(earlier | {c.task: asdict(c) for c in known}, indent=1), encoding="utf-8")
+    write_file(path, json.dumps(earlier | {c.task: asdict(c) for c in known}, indent=1))
     return known

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from vfm_sdm.analysis.evaluation.metrics import Score
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 
 __all__ = ["METRICS", "Case", "Table", "comparison_table", "write_table"]
 
@@ -153,8 +153,7 @@ def write_table(folder: Path | str, table: Table) -> tuple[Path, Path]:
     lines += ["", *(f"- {note}" for note in table.notes)] if table.notes else []
     paths = Path(folder) / f"{table.name}.csv", Path(folder) / f"{table.name}.md"
     for path, content in zip(paths, (text.getvalue(), "\n".join(lines) + "\n"), strict=True):
-        with replace_file(path) as temporary:
-            temporary.write_text(content, encoding="utf-8", newline="\n")
+        write_file(path, content)
     return paths
 
 

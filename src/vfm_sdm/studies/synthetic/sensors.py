@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.core.datasets import STRUCTURE_AXES
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["Accelerometer", "write_acceleration"]
@@ -151,9 +151,7 @@ def write_acceleration(
     lines += [
         f"{stamp:.9f}," + ",".join(f"{value:.9f}" for value in row) for stamp, row in zip(stamps, reading, strict=True)
     ]
-    with replace_file(path) as temporary:
-        temporary.write_bytes(("\n".join(lines) + "\n").encode())
-    return Path(path)
+    return write_file(path, "\n".join(lines) + "\n")
 
 
 def _reading(accelerometer: Accelerometer, motion_g: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -138,7 +138,7 @@ def test_a_reference_file_comes_back_as_it_was(run, tmp_path):
     assert back.attrs["onset_s"] == reference.attrs["onset_s"]
     assert back["displacement"].attrs["units"] == "mm"
     assert "point" in read_comparison(run / "displacement.nc").dims
-    with pytest.raises(ResultsError, match=r"expected to write it, got: .*; free space or choose a folder"):
+    with pytest.raises(ResultsError, match=r"expected to write it, got: .*; choose another folder"):
         write_reference(path / "below.nc", reference)
     with pytest.raises(DatasetError, match="onset_s"):
         write_reference(path, reference.drop_attrs(deep=False).assign_attrs(sampling_rate_hz=30.0))
@@ -217,3 +217,49 @@ def test_what_the_session_does_not_say_is_asked_for(run):
     write_run_session(run, sensor=twice)
     with pytest.raises(SessionError, match=r"got \[\('acc-1', 'mid'\), \('acc-2', 'mid'\)\] in the session"):
         evaluate_run(run, path)
+
+
+def test_notes_of_the_reference_reach_the_evaluation_and_its_gaps_stay_open(run):
+    lines = (run.parent / "acc-1.csv").read_text().splitlines()
+    (run.parent / "acc-1.csv").write_text("\n".join([lines[0], *lines[1:600], *lines[660:]]) + "\n")
+    write_run_session(run)
+    result = evaluate_run(run, run.parent / "acc-1.csv")
+    assert any(note.startswith("reference: 'a', ") and "60 samples" in note for note in result.notes)
+    row = result.row("mid", "vertical").score
+    assert row.skill > 0.99
+    assert 200 < row.samples < 400
+
+
+def test_the_header_may_state_the_units_instead_of_the_session(run):
+    path = run.parent / "acc-1.csv"
+    header, rest = path.read_text().split("\n", 1)
+    path.write_text(",".join([header.split(",")[0], *[f"{name} (g)" for name in header.split(",")[1:]]]) + "\n" + rest)
+    write_run_session(run, sensor=[{"name": "a", "file": "acc-1.csv", "point": "mid"}])
+    assert evaluate_run(run, path).row("mid", "vertical").score.skill > 0.99
+    text = path.rename(path.with_suffix(".txt"))
+    write_run_session(run, sensor=[{"name": "a", "file": "acc-1.txt", "point": "mid"}])
+    assert evaluate_run(run, text).row("mid", "vertical").score.skill > 0.99
+    gauge = run.parent / "laser.csv"
+    gauge.write_text(gauge.read_text().replace("vertical", "vertical [mm]", 1))
+    assert "recorded_at_hz" not in read_sensors([gauge]).attrs
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda truth: truth.drop_vars("time"), r"time: expected a coordinate of time stamps in seconds, got none"),
+        (
+            lambda truth: truth.assign_coords(time=("time", 1e3 * truth["time"].values, {"units": "ms"})),
+            r"time: expected units 's', got 'ms'; convert the stamps to seconds",
+        ),
+        (
+            lambda truth: truth.assign_coords(time=("time", np.arange(truth.sizes["time"]))),
+            r"time: expected units 's', got None",
+        ),
+    ],
+)
+def test_a_clock_that_is_not_in_seconds_is_refused(run, tmp_path, change, match):
+    with xr.open_dataset(run / "displacement.nc", engine="h5netcdf", decode_times=False) as file:
+        change(file.load()).to_netcdf(tmp_path / "truth.nc", engine="h5netcdf")
+    with pytest.raises(ResultsError, match=match):
+        evaluate_run(run, tmp_path / "truth.nc")

@@ -281,3 +281,77 @@ def test_a_longer_edge_of_rest_changes_little():
     for first, second in pairwise(runs):
         both = np.isfinite(first + second)
         assert abs(first - second)[both].max() < 0.15 * np.nanmax(abs(first))
+
+
+def status_of(values, where, code):
+    """Status of a recording, one axis of it marked."""
+    codes = np.zeros((len(values), 1, values.shape[1]), np.int8)
+    codes[where, 0, 1] = code
+    return (("time", "sensor", "axis"), codes)
+
+
+def test_missing_samples_are_filled_where_they_are_few_and_left_out_where_they_are_many():
+    values = ringing(4.0)
+    whole = compute_reference(dataset(values))
+    few, many = values.copy(), values.copy()
+    few[300::40, 1] = np.nan
+    many[480:520, 1] = np.nan
+    filled = compute_reference(dataset(few).assign(status=status_of(values, slice(300, None, 40), 1)))
+    difference = np.abs(filled["displacement"].values - whole["displacement"].values)
+    assert np.nanmax(difference) < 0.02 * np.nanmax(np.abs(whole["displacement"].values))
+    assert "missing" in filled.attrs["notes"][0]
+    parted = compute_reference(dataset(many).assign(status=status_of(values, slice(480, 520), 1)))
+    np.testing.assert_array_equal(parted["displacement"].values[:, 0, 0], whole["displacement"].values[:, 0, 0])
+    lost = np.isnan(parted["displacement"].values[:, 0, 1])
+    time_s = parted["time"].values
+    # The filter rings for a period of the lower edge beside a gap.
+    np.testing.assert_array_equal(lost, (time_s < whole.attrs["onset_s"]) | ((time_s > 6.49) & (time_s < 9.124)))
+    assert "from 7.5 to 8.10938 s, are missing" in parted.attrs["notes"][0]
+
+
+@pytest.mark.parametrize("limits", [(-9.9, -9.5), (-99, -9.5)])
+def test_what_hangs_on_clipped_samples_is_left_out(limits):
+    values = ringing(4.0)
+    whole = compute_reference(dataset(values))
+    cut = values.copy()
+    cut[:, 1] = np.clip(cut[:, 1], *limits)
+    reference = compute_reference(dataset(cut))
+    clipped = np.abs(cut[:, 1] - values[:, 1]) > 0
+    lost = np.isnan(reference["displacement"].values[:, 0, 1])
+    stamps = np.flatnonzero(clipped) / RATE
+    assert lost[(reference["time"].values >= stamps[0]) & (reference["time"].values <= stamps[-1])].all()
+    assert any("clipped at the end of the sensor's range" in note for note in reference.attrs["notes"])
+    np.testing.assert_array_equal(reference["displacement"].values[:, 0, 0], whole["displacement"].values[:, 0, 0])
+
+
+def test_a_recording_without_a_whole_piece_is_refused():
+    values = ringing(4.0)
+    cut = np.clip(values, *np.quantile(values[256:], [0.45, 0.55], axis=0))
+    with pytest.raises(
+        DatasetError, match=r"expected 2.00 s in one piece, got less in every axis; .* clipped at the end"
+    ):
+        compute_reference(dataset(cut), RecipeSettings(onset_s=4.0))
+
+
+def test_units_that_no_sensor_at_rest_reads_are_refused_or_named():
+    values = ringing(4.0)
+    with pytest.raises(
+        DatasetError, match=r"got 9\.\d+ g, which no sensor at rest reads: the file seems to be in m/s2"
+    ):
+        compute_reference(dataset(values * 9.80665))
+    with pytest.raises(DatasetError, match=r"seems to be in another unit; state it with --units"):
+        compute_reference(dataset(values * 1000))
+    with pytest.raises(DatasetError, match=r"expected a structure's vibration, got [\d.]+ g half of the time"):
+        compute_reference(dataset((values - np.median(values, axis=0)) * 1e4))
+    (note,) = compute_reference(dataset(values / 9.80665)).attrs["notes"]
+    assert "reads 0.99 m/s2 on average, which would be gravity in g" in note
+
+
+def test_a_slow_sensor_and_a_coarse_one_are_named():
+    held = np.repeat(ringing(4.0, duration_s=64.0)[::4], 4, axis=0)
+    notes = compute_reference(dataset(held, rate=4 * RATE)).attrs["notes"]
+    assert any("every value is repeated 4 times" in note for note in notes)
+    coarse = np.round(ringing(4.0) / 0.3) * 0.3
+    assert any(
+        "resolution is coarse, steps of 0.3" in note for note in compute_reference(dataset(coarse)).attrs["notes"]
+    )

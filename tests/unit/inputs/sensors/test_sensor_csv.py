@@ -83,7 +83,7 @@ def test_a_displacement_sensor_in_mm_with_a_gap(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("time,lateral,vertical\n0,1,2\n1,1,2\n", r"expected a column 'longitudinal', got \['time', 'lateral'"),
+        ("time,lateral,vertical,up\n0,1,2,3\n1,1,2,3\n", r"expected a column 'longitudinal', got \['time', 'lateral'"),
         ("a,b,c\n1,2,3\n1,2,3\n", "expected a column 'lateral'"),
         ("time,lateral,vertical,longitudinal\n", "expected a line of names and at least two samples, got 1 lines"),
         (
@@ -121,7 +121,9 @@ def test_other_misuse_is_refused(tmp_path):
         read_acceleration(tmp_path / "none.csv")
     with pytest.raises(DatasetError, match=r"expected columns for some of .* got \['time', 'up'\]"):
         read_acceleration(path, columns={"time": "time", "up": "vertical"})
-    with pytest.raises(DatasetError, match=r"expected columns for some of .* got \[\]"):
+    with pytest.raises(
+        DatasetError, match=r"expected a column 'lateral', got \['time', 'x'\]; .* --column vertical='x'"
+    ):
         read_reference(write(tmp_path, "time,x\n0,1\n1,2\n", "x.csv"))
     with pytest.raises(DatasetError, match="expected a column '-up'"):
         read_acceleration(path, columns={"vertical": "-up"})

@@ -11,7 +11,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 from pydantic import ValidationError
 
-from vfm_sdm.errors import SessionError
+from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.inputs.session import (
     Chessboard,
     Length,
@@ -243,7 +243,11 @@ def test_chessboard_paths_move_along(tmp_path):
     assert again.chessboard.corners == tmp_path / "c.npz"
 
 
-names = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="/\\"), min_size=1, max_size=20)
+names = st.text(
+    st.characters(exclude_categories=["Cs"], exclude_characters=["/", "\\", "\x7f", *map(chr, range(32))]),
+    min_size=1,
+    max_size=20,
+).filter(lambda name: set(name) != {"."})
 lengths = st.floats(1e-6, 1e6)
 
 
@@ -280,7 +284,7 @@ def test_failed_write_keeps_the_earlier_session(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(SessionError, match=r"s.toml: expected to write it, got: No space left on device"):
+    with pytest.raises(ResultsError, match=r"s.toml: expected to write it, got: No space left on device"):
         write_session(target, small(name="other"))
     monkeypatch.undo()
     assert target.read_bytes() == before
@@ -354,7 +358,7 @@ FAULTS = {
     "view is no array": ({"view": {"name": "left"}}, r"view: expected a list of values or \[\[view\]\] tables"),
     "site is an array": ({"site": [{}]}, r"site: expected one table \[site\]"),
     "nameless view": ({"view": [{"video": "l.mp4"}]}, r"view\[1\].name: expected a value, got nothing; add name = "),
-    "slash in view": ({"view": [{"name": "a/b", "video": "l"}]}, r"name: expected a name without slashes, got 'a/b'"),
+    "slash in view": ({"view": [{"name": "a/b", "video": "l"}]}, r"name: expected a name without slashes .* got 'a/b'"),
     "no recording": ({"view": [{"name": "left"}]}, r"view\[left\]: expected either video or images, got neither"),
     "two recordings": (
         {"view": [{"name": "left", "video": "l", "images": "*", "fps": 1.0}]},
@@ -527,7 +531,7 @@ FAULTS = {
     ),
     "units of a sensor": (
         {"sensor": [{"name": "s", "file": "a.csv", "units": "ft"}]},
-        r"sensor\[s\].units: expected 'g', 'm/s2', 'mm' or 'm', got 'ft'",
+        r"sensor\[s\].units: expected 'g', 'mg', 'm/s2', .* 'cm' or 'um', got 'ft'",
     ),
     "column of no axis": (
         {"sensor": [{"name": "s", "file": "a.csv", "columns": {"up": "z"}}]},

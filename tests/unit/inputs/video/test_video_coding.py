@@ -1,5 +1,6 @@
 """What is read of a recording's compression: kinds of frames, quantisers, words, parts of pictures."""
 
+import gc
 from fractions import Fraction
 
 import av
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from textures import WaveTexture
-from vfm_sdm.inputs.video import Region, open_images, open_video
+from vfm_sdm.inputs.video import Region, coding, open_images, open_video
 from vfm_sdm.inputs.video.coding import read_coded_clip
 
 FRAMES = 12
@@ -42,6 +43,24 @@ def test_quantisers_of_blocks_are_those_of_the_encoder(tmp_path):
     np.testing.assert_array_equal(clip.quantisers_of(Region(-5, 70, 41, 41))[known], 27)
     assert clip.frame_types[0] == clip.frame_types[6] == 1
     assert set(clip.frame_types.tolist()) == {1, 2, 3}
+
+
+def test_pictures_are_let_go_while_others_are_read(tmp_path, monkeypatch):
+    video = write(tmp_path / "a.mp4", "libx264", qp="27")
+    alive = []
+
+    def cut(luma, region):
+        alive.append(sum(isinstance(one, av.VideoFrame) for one in gc.get_objects()))
+        return luma[:1, :1].copy()
+
+    monkeypatch.setattr(coding, "_cut", cut)
+    gc.collect()
+    gc.disable()
+    try:
+        read_coded_clip(video, [Region(0, 0, 8, 8)], frames=FRAMES)
+    finally:
+        gc.enable()
+    assert max(alive) <= 2 * 4 < FRAMES
 
 
 @pytest.mark.parametrize("quantiser", [22, 35])

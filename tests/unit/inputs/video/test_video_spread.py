@@ -23,6 +23,14 @@ def test_the_frame_asked_for_comes_first_and_once():
     assert found == [20, 0, 10, 30, 40]
 
 
+def test_a_look_from_the_first_frame_on_is_one_pass(monkeypatch):
+    video, passes = still(41), []
+    stream = video._source.stream
+    monkeypatch.setattr(video._source, "stream", lambda: passes.append(1) or stream())
+    assert [frame.index for frame in video.spread(4)] == [0, 10, 20, 30, 40]
+    assert len(passes) == 1
+
+
 def test_a_short_view_gives_all_it_has():
     assert [frame.index for frame in still(3).spread(10)] == [0, 1, 2]
 

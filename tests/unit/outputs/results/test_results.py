@@ -215,11 +215,13 @@ def test_half_written_netcdf_is_removed(tmp_path, monkeypatch):
     write_displacement(tmp_path, make_example(20))
     earlier = (tmp_path / "displacement.nc").read_bytes()
 
-    def half(self, path, **options):
-        Path(path).write_bytes(b"half")
+    whole = Path.write_bytes
+
+    def half(self, content):
+        whole(self, content[: len(content) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", half)
+    monkeypatch.setattr(Path, "write_bytes", half)
     with pytest.raises(ResultsError, match=r"displacement.nc: expected to write it"):
         write_displacement(tmp_path, make_example(20))
     assert (tmp_path / "displacement.nc").read_bytes() == earlier

@@ -15,7 +15,8 @@ from vfm_sdm.commands.tables import audit_report
 from vfm_sdm.core.statuses import CameraStatus, Outcome, Verdict
 from vfm_sdm.outputs.plots import plot_audit
 from vfm_sdm.stages.audit import Audit, AuditCheck
-from vfm_sdm.stages.audit.model import Limits, judge
+from vfm_sdm.stages.audit.model import REQUIRED, AuditInputs, Limits, judge
+from vfm_sdm.stages.audit.scale import list_readings
 
 NEVER_REFUSED = 0.02
 FOUND = 0.95
@@ -51,8 +52,9 @@ def faults_missed(seed: int) -> list[str]:
 def test_a_good_measurement_is_not_refused(seed):
     found = audited(good_run(seed), refinement=refinement(seed))
     assert found.verdict != Verdict.REFUSED, found.flagged
-    # Noise without SGR may hide the lateral motion; everything else passes.
-    assert {check.name for check in found.flagged} <= {"signal to noise"}
+    # Noise without SGR may hide the lateral motion, and weak lenses leave the scale open; everything else passes.
+    assert {check.name for check in found.flagged} <= {"signal to noise", "scale"}
+    assert (found["scale"].outcome == Outcome.PASS) == (found["scale"].value <= 0.05)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -93,7 +95,7 @@ def test_a_wrong_baseline_alone_cannot_be_seen_and_the_audit_says_so():
     scale = found["scale by a spare length"]
     assert scale.outcome == Outcome.NOT_POSSIBLE
     assert "baseline" in scale.sentence
-    assert "Measure a range" in scale.sentence
+    assert "Measure the length between two points" in scale.sentence
 
 
 def test_good_spare_lengths_show_a_wrong_baseline():
@@ -133,6 +135,8 @@ def test_without_static_points_the_audit_says_what_it_cannot_see():
     for name in ("static points", "tripods", "stabilised video"):
         assert found[name].outcome == Outcome.NOT_POSSIBLE
         assert "static = true" in found[name].sentence
+    assert found.verdict != Verdict.FIT
+    assert {check.name for check in found.missing} == {"static points", "tripods"}
 
 
 def test_a_clock_that_drifts_is_found():
@@ -211,6 +215,46 @@ def test_the_verdict_is_that_of_the_worst_check():
     assert made(Outcome.PASS, Outcome.NOT_POSSIBLE) == Verdict.FIT
     assert made(Outcome.PASS, Outcome.CAUTION) == Verdict.CARE
     assert made(Outcome.CAUTION, Outcome.FAIL, Outcome.PASS) == Verdict.REFUSED
+
+
+def test_checks_that_could_not_be_made_do_not_count_as_passed():
+    def made(possible: int) -> Verdict:
+        outcomes = [Outcome.PASS] * possible + [Outcome.NOT_POSSIBLE] * (len(REQUIRED) - possible)
+        return Audit(
+            tuple(AuditCheck(n, o, 1.0, 1.0, "1", "") for n, o in zip(REQUIRED, outcomes, strict=True))
+        ).verdict
+
+    assert made(len(REQUIRED)) == Verdict.FIT
+    assert made(len(REQUIRED) - 1) == Verdict.CARE
+    assert made(1) == Verdict.NOT_JUDGED
+
+
+@pytest.mark.parametrize("seed", [1, 4, 8])
+def test_a_length_brings_what_the_audit_says_that_it_would(seed):
+    """The same site without and with the length between two points."""
+    known = {"focal_std": 0.05, "focal_errors": (0.02, -0.01), "range_std": None}
+    without = simulate(seed, **GOOD, **known, length_std=None)
+    made = measured(without.session, without.tracks, without.solution)
+    check = made.audit["scale"]
+    assert check.outcome == Outcome.CAUTION
+    point = check.where.partition(" of ")[2]
+    inputs = AuditInputs(session=without.session, cameras=without.solution, displacement=made.displacement)
+    said = {one.sentence: one.left for one in list_readings(inputs, point)}
+    (length,) = [left for sentence, left in said.items() if "between 'p0' and 'p1'" in sentence]
+    assert min(said.values()) < check.value
+    assert f"to {100 * min(said.values()):.2g} %" in check.sentence
+    with_length = simulate(seed, **GOOD, **known, length_std=0.005, length_error=0.0)
+    after = audited(with_length)["scale"]
+    assert after.value == pytest.approx(length, rel=0.25)
+
+
+def test_the_fewer_the_frames_the_worse_the_verdict():
+    run = good_run(3)
+    for frames, expected in ((5, Verdict.NOT_JUDGED), (18, None), (400, Verdict.FIT)):
+        short = {view: t.isel(time=slice(frames)) for view, t in run.tracks.items()}
+        found = audited(replace(run, tracks=short))
+        assert found.verdict == expected if expected is not None else found.verdict != Verdict.FIT
+        assert (found["length of the recording"].outcome == Outcome.PASS) == (frames > 50)
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,10 @@ from vfm_sdm.stages.audit.tracks import (
     check_static_points,
     check_tracked,
 )
+from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.site import SiteQuantity
 from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.tracking.track_noise import include_static_noise
 
 FRAMES = 300
 TIME_S = np.arange(FRAMES) / 30
@@ -248,3 +250,39 @@ def test_tripods_without_static_points():
     found = check_camera_motion(nothing)
     assert found.outcome == Outcome.NOT_POSSIBLE
     assert "static = true" in found.sentence
+
+
+def in_air(rng, std, shape):
+    """Noise that keeps 0.9 of itself from frame to frame, shape (T, ...)."""
+    steps = rng.normal(0, std * np.sqrt(1 - 0.9**2), shape)
+    for frame in range(1, len(steps)):
+        steps[frame] += 0.9 * steps[frame - 1]
+    return steps
+
+
+def test_slow_errors_are_no_slip():
+    trembling = displacement(std_mm=0.5)
+    rng = np.random.default_rng(0)
+    for point in ("mid", "wall"):
+        trembling["displacement"].loc[{"point": point, "axis": "longitudinal"}] += in_air(rng, 2.0, FRAMES)
+    assert check_slip(AuditInputs(session=session(), unrefined=trembling)).outcome == Outcome.PASS
+
+
+@pytest.mark.parametrize(("status", "outcome"), [("no gain", Outcome.PASS), ("still", Outcome.FAIL)])
+def test_air_that_moves_static_points_one_by_one_is_no_tripod(status, outcome):
+    points = [*session().point, session().point[1].model_copy(update={"name": "pier"})]
+    both = session().model_copy(update={"point": points})
+    rng = np.random.default_rng(0)
+    views = {}
+    for view in ("left", "right"):
+        one = tracks(v_px=1.0)
+        shaken = xr.concat([one, one.sel(point=["wall"]).assign_coords(point=["pier"])], "point")
+        shaken["position"][:, 1:] += in_air(rng, 0.4, (FRAMES, 2, 2))
+        views[view] = shaken
+    steady = aligned(*include_static_noise(views, ["wall", "pier"]).values())
+    nothing = np.full((FRAMES, 3), np.nan)
+    motion = ViewMotion(status, ("wall", "pier"), nothing, nothing, nothing, nothing, np.full(2, 0.5), np.full(2, 0.5))
+    found = check_camera_motion(
+        AuditInputs(session=both, tracks=views, aligned=steady, camera_motion={"left": motion, "right": motion})
+    )
+    assert found.outcome == outcome

@@ -9,7 +9,10 @@ from rooms import angle_between_deg
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Level, Readings, Site
-from vfm_sdm.stages.cameras.face_poses import Face, propose_poses
+from vfm_sdm.stages.cameras.face_poses import propose_poses
+from vfm_sdm.stages.cameras.face_votes import count_votes
+from vfm_sdm.stages.cameras.relative_pose import count_places, number_cells
+from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.matches import Matches
 
 SIZE, FOCAL, BASELINE = (1280, 720), 7000.0, 4.0
@@ -58,6 +61,20 @@ def test_the_true_pose_stands_out_among_four_wrong_matches_of_five(across, seed)
     assert np.linalg.norm(best.camera.center - second.center) < 0.6
     assert best.matches.on_face.all()
     assert all(best.support > 1.5 * other.support for other in others)
+
+
+def test_votes_are_places_of_matches_that_a_pose_explains():
+    second = second_camera()
+    matches = matches_on(np.random.default_rng(2), second, right=80, wrong=0, relief=0.0)
+    face = Face.of(SITE)
+    centre = AXES @ second.center
+    near, far = (face.points(LENS, matches.points_first, beyond) - centre for beyond in (0.0, 0.1))
+    rotations = np.stack([AXES @ second.rotation.T, AXES @ second.rotation.T @ np.diag([-1.0, -1.0, 1.0])])
+    cells = number_cells(matches, (LENS, LENS))
+    places = np.zeros(2, np.int64)
+    count_votes(rotations, (near, far, LENS.normalize(matches.points_second)), (FOCAL, 6.0), cells, places)
+    assert places[0] == count_places(np.ones((1, 80), np.bool_), matches, (LENS, LENS))[0]
+    assert places[1] < places[0] / 4
 
 
 def test_without_a_right_match_no_pose_stands_out():

@@ -102,3 +102,30 @@ def test_a_later_adjustment_keeps_the_spread(start, another):
     widened = weighed.widened(alone)
     assert widened.status == CameraStatus.SEVERAL
     assert np.diag(widened.covariance).max() > 0.01
+
+
+def halved(one, other_half=None):
+    """The hypothesis with one way of halving its matches; the other half may come from elsewhere."""
+    [matches] = one.matches
+    even = np.arange(len(matches)) % 2 == 0
+    rest = Hypothesis(one.rig, (matches.chosen(~even),)) if other_half is None else other_half
+    return replace(one, halves=((Hypothesis(one.rig, (matches.chosen(even),)), rest),))
+
+
+def test_halves_that_agree_change_nothing(start):
+    _, one = start
+    alone, weighed = weigh(make_session(), one), weigh(make_session(), halved(one))
+    assert weighed.widened(weighed.adjusted).status == CameraStatus.OK
+    std, before = (np.sqrt(np.diag(w.widened(w.adjusted).covariance)) for w in (weighed, alone))
+    assert np.all(std < 2 * before + 1e-9)
+
+
+def test_halves_that_give_another_roll_say_that_chance_decides(start):
+    second, one = start
+    rolled = second.perturbed([0, 0, 0, 0, 0, 0, np.radians(3), 0, 0, 0])
+    other_half = Hypothesis(one.rig, (flat_matches(np.random.default_rng(3), rolled),))
+    weighed = weigh(make_session(), halved(one, other_half))
+    widened = weighed.widened(weighed.adjusted)
+    assert widened.status == CameraStatus.NOT_CLEAR
+    assert any("halves of the matches" in note for note in widened.notes)
+    assert np.sqrt(widened.rig.covariance[16, 16]) > np.radians(1)

@@ -133,7 +133,7 @@ def test_combined_is_the_root_of_the_sum_of_squares():
     parts = budget["uncertainty"]
     assert tuple(parts["component"].values) == COMPONENTS
     assert parts.dims == ("component", "time", "point", "axis")
-    assert COMPONENTS == ("random", "cameras", "synchronization", "assumption", "compression", "subset")
+    assert COMPONENTS == ("random", "cameras", "synchronization", "assumption", "compression", "subset", "origin")
     total = np.sqrt(sum(part(budget, name) ** 2 for name in COMPONENTS))
     np.testing.assert_allclose(budget["combined_std"], total, rtol=1e-12)
     np.testing.assert_allclose(budget["expanded_uncertainty"], 2 * total, rtol=1e-12)

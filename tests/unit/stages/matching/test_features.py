@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.matching import features
-from vfm_sdm.stages.matching.detection import add_stretched, detect_features, to_eight_bit
+from vfm_sdm.stages.matching.detection import add_stretched, detect_features, find_mutual, to_eight_bit
 from vfm_sdm.stages.matching.features import FeatureMatches, keep_one_a_place, match_detected, match_features
 
 
@@ -102,3 +102,18 @@ class TestFeatureMatches:
 def test_sixteen_bit_is_stretched():
     image = np.array([[100, 1100], [600, 350]], np.uint16)
     assert to_eight_bit(image).tolist() == [[0, 255], [128, 64]]
+
+
+def test_mutual_pairs_and_their_rivals_are_those_of_a_search_one_by_one():
+    rng = np.random.default_rng(4)
+    likeness = rng.uniform(0, 0.99, (60, 50)).astype(np.float32)
+    places = rng.uniform(0, 40, (60, 2)), rng.uniform(0, 40, (50, 2))
+    rows, columns, distance, rival = find_mutual(likeness.copy(), places, (6.0, 6.0))
+    mutual = [(i, j) for i, j in enumerate(likeness.argmax(axis=1)) if likeness[:, j].argmax() == i]
+    assert list(zip(rows.tolist(), columns.tolist(), strict=True)) == mutual
+    for (i, j), near, far in zip(mutual, distance, rival, strict=True):
+        elsewhere = np.linalg.norm(places[1] - places[1][j], axis=1) > 6
+        others = np.linalg.norm(places[0] - places[0][i], axis=1) > 6
+        best = max(likeness[i, elsewhere].max(), likeness[others, j].max())
+        assert near == pytest.approx(np.sqrt(2 - 2 * likeness[i, j]), rel=1e-5)
+        assert far == pytest.approx(np.sqrt(2 - 2 * best), rel=1e-5)

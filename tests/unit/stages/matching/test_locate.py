@@ -11,7 +11,8 @@ from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle,
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.matching import locate
 from vfm_sdm.stages.matching.correspondence import Correspondence
-from vfm_sdm.stages.matching.expected import expect_on_face, know_face
+from vfm_sdm.stages.matching.expected import expect_on_face
+from vfm_sdm.stages.matching.face import know_face
 from vfm_sdm.stages.matching.locate import PointFinder
 from vfm_sdm.stages.matching.placing import Place
 

@@ -171,6 +171,18 @@ class TestTwoMotions:
         assert choice.believed < 0.6
         assert track_error(video, choice, SWAY) < 0.08
 
+    @pytest.mark.parametrize("seed", [0, 1])
+    def test_a_post_before_leaves_in_trembling_air_is_tracked_across_it_only(self, seed):
+        """Nothing stands still: the leaves tremble as the post does, as far as it moves."""
+        air = np.random.default_rng(seed).normal(0, 0.35, (FRAMES, 2))
+        air -= air[0]
+        plain, motion = np.full((SIZE, SIZE), 60.0), 0.7 * SWAY + air
+        video = film([(texture(10), EVERYWHERE, air), (plain, box(86, 96, 0, SIZE), motion)])
+        choice = choose(video, subset_px=61)
+        assert choice.design.warp == Warp.EDGE
+        assert abs(choice.design.across[0]) > 0.98
+        assert choice.believed < 0.3
+
     def test_two_layers_that_both_move_are_told_apart(self):
         other = 0.8 * SWAY[:, ::-1]
         video = film([(texture(11), EVERYWHERE, other), (texture(12), box(75, 107, 75, 107), SWAY)])

@@ -1,6 +1,7 @@
 """Sheets as wide as the text of an A4 page, their legends, and how they are written."""
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from vfm_sdm.core.files import replace_file
+from vfm_sdm.core.files import write_file
 from vfm_sdm.errors import ResultsError
 
 __all__ = ["LINE_WIDTH", "WIDTH_IN", "add_legend", "make_figure", "make_panels", "panel_order", "save_figure"]
@@ -140,10 +141,7 @@ def save_figure(path: Path | str, figure: Figure) -> Path:
     target = Path(path)
     if target.suffix.lower() != ".png":
         raise ResultsError(f"{target}: expected a name that ends in .png, got {target.suffix!r}; rename it")
-    try:
-        with replace_file(target) as temporary:
-            # Without the entry that names the version of the program that drew it.
-            figure.savefig(temporary, dpi=_DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 6})
-    except OSError as error:
-        raise ResultsError(f"{target}: expected to write it, got: {error}; choose another folder") from error
-    return target
+    drawn = BytesIO()
+    # Without the entry that names the version of the program that drew it.
+    figure.savefig(drawn, format="png", dpi=_DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 6})
+    return write_file(target, drawn.getvalue())

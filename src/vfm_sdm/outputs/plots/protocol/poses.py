@@ -13,7 +13,7 @@ from vfm_sdm.core.datasets import CAMERA_AXES, STRUCTURE_AXES
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
-from vfm_sdm.outputs.plots.drawing import BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from vfm_sdm.outputs.plots.drawing import BLUE, GREEN, ORANGE, PURPLE, VERMILION, plain_text
 from vfm_sdm.outputs.plots.protocol.layout import make_figure
 
 __all__ = ["plot_camera_poses"]
@@ -100,7 +100,7 @@ def plot_camera_poses(
     _label_cameras(axes, rigs, factors, rotation)
     _set_limits(axes, np.concatenate(drawn))
     _label_axes(axes, unit, in_structure=frame is not None)
-    axes.set_title(title, loc="left", fontsize="medium", pad=20)
+    axes.set_title(plain_text(title), loc="left", fontsize="medium", pad=20)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, fontsize="small", borderpad=0)
     return axes  # type: ignore[no-any-return]
 
@@ -109,7 +109,9 @@ def _label_cameras(axes: Any, rigs: Mapping[str, Rig], factors: Mapping[str, flo
     """View names at the first rig's cameras."""
     name, rig = next(iter(rigs.items()))
     for view, camera in zip(rig.names, rig.scaled(factors[name]).cameras, strict=True):
-        axes.text(*(rotation @ camera.center)[[0, 2, 1]], f"\n{view}", ha="center", va="top", fontsize="small")
+        axes.text(
+            *(rotation @ camera.center)[[0, 2, 1]], plain_text(f"\n{view}"), ha="center", va="top", fontsize="small"
+        )
 
 
 def _label_axes(axes: Any, unit: str, *, in_structure: bool) -> None:

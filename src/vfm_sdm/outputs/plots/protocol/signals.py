@@ -22,6 +22,7 @@ from vfm_sdm.outputs.plots.drawing import (
     finish_axes,
     list_names,
     mark_status,
+    plain_text,
     reduce_band,
     reduce_line,
 )
@@ -66,7 +67,7 @@ def plot_trajectories(tracks: xr.Dataset, *, point: str | None = None) -> Figure
     for panel, view in zip(panels, list_names(tracks, "view"), strict=True):
         plot_trajectory(tracks.sel(view=view), panel, point=name)
         panel.label_outer()
-        panel.set_title(f"{name}, view {view}", loc="left", fontsize="medium")
+        panel.set_title(plain_text(f"{name}, view {view}"), loc="left", fontsize="medium")
     return add_legend(figure, panels)
 
 
@@ -115,7 +116,7 @@ def plot_refinement(
     mark_status(axes, time_s, moved[:, None], status)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("u (right) [px]")
-    axes.set_title(f"{first['point'].values}, view {view}", loc="left", fontsize="medium", pad=20)
+    axes.set_title(plain_text(f"{first['point'].values}, view {view}"), loc="left", fontsize="medium", pad=20)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6, frameon=False, fontsize="small", borderpad=0)
     return finish_axes(axes, time_s)
 
@@ -170,7 +171,7 @@ def plot_displacement3d(before: xr.Dataset, after: xr.Dataset, *, point: str | N
                 *reduce_line(time_s, values[:, index]), color=colour, linewidth=LINE_WIDTH, label=label, zorder=below
             )
         mark_status(panel, time_s, values, series["status"].values)
-        panel.set_title(f"({letter}) {name}, {when} refinement", loc="left", fontsize="medium")
+        panel.set_title(plain_text(f"({letter}) {name}, {when} refinement"), loc="left", fontsize="medium")
         panel.set_ylabel("displacement [mm]")
         finish_axes(panel, time_s)
     panels[-1].set_xlabel("time [s]")
@@ -217,7 +218,7 @@ def plot_comparison(
                 panel.plot(*reduce_line(time, named[name]), color=colour, linewidth=width, label=name)
         panel.set_ylabel(f"{axis} [mm]\n" + ("positive down" if axis in _DOWNWARD else ""))
         finish_axes(panel, time)
-    panels[0].set_title(title, loc="left", fontsize="medium")
+    panels[0].set_title(plain_text(title), loc="left", fontsize="medium")
     panels[-1].set_xlabel("time [s]")
     return add_legend(figure, panels)
 

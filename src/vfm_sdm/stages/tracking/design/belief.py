@@ -1,5 +1,6 @@
 """Which pixels around a point move with it: seen in sample frames, from the named place outwards."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,8 @@ class Belief:
         Radius (standard deviation) of the nearest surroundings that show its motion [px].
     noise
         Variance of a softened pixel in one frame, shape (R, R) [squared grey levels].
+    rest
+        Motions that what is behind or beside the point may have: none, and that of the air, shape (K, 2) each [px].
     """
 
     motion: FloatArray
@@ -65,6 +68,7 @@ class Belief:
     supporting: BoolArray
     radius_px: float
     noise: Image
+    rest: Sequence[FloatArray]
 
 
 def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -> Belief:
@@ -82,7 +86,8 @@ def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -
     Notes
     -----
     1. The nearest surroundings that have texture show the point's motion d0, at least across an edge.
-    2. Other motions are what stands still, and those of blocks that are seen to do something else.
+    2. Other motions are what stands still, and those of blocks that are seen to do something else; where nothing stands
+       still, as in trembling air, also that of the window on the whole.
     3. Every area of the window votes between d0 and another motion d1: with J(d) the frames under a motion,
        t = sum (J(d0) - J(d1)) (I - J(d1)) / sum (J(d0) - J(d1))^2 over its pixels and all frames is the most likely
        share of d0, 1 for what moves with the point and 0 for what does not; its standard deviation is
@@ -102,9 +107,9 @@ def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -
     square = inside[:, None] * inside[None, :]
     motion, covariance, radius = _find_seed(window, noise, steady, start)
     core = np.exp(-window.radius2 / (2 * radius**2))
-    others: list[FloatArray] = [still]
+    others = rest = _find_common(window, motion, noise, steady)
     for growth in range(_GROWTH + 1):
-        others = _find_others(window, motion, noise, steady) if growth == _GROWTH else others
+        others = _find_others(window, motion, noise, steady, others) if growth == _GROWTH else others
         against, supporting = _vote(window, motion, others, noise)
         believed = steady & _find_believed(against, supporting)
         if growth == _GROWTH or not is_distinct(motion, still):
@@ -113,10 +118,10 @@ def find_belief(window: Window, half_px: int, start: FloatArray | None = None) -
         weights = believed * np.maximum(core, supporting * square * near)
         motion, covariance = window.register(weights.astype(np.float32), noise, motion)
     if not is_distinct(motion, still):
-        others = _find_others(window, motion, noise, steady)
+        others = _find_others(window, motion, noise, steady, others)
         against, supporting = _vote(window, motion, others, noise)
         believed = steady & _find_believed(against, supporting)
-    return Belief(motion, covariance, believed, against, supporting & believed, radius, noise)
+    return Belief(motion, covariance, believed, against, supporting & believed, radius, noise, rest)
 
 
 def _find_restless(window: Window, noise: Image) -> BoolArray:
@@ -157,9 +162,28 @@ def _is_sure(difference: FloatArray, covariance: FloatArray) -> bool:
     return bool(np.mean(squares) > SURE**2)
 
 
-def _find_others(window: Window, motion: FloatArray, noise: Image, steady: BoolArray) -> list[FloatArray]:
-    """Standing still, and motions of blocks that are seen to move otherwise than the point, each (K, 2) [px]."""
-    others = [np.zeros((window.count, 2))]
+def _find_common(window: Window, motion: FloatArray, noise: Image, steady: BoolArray) -> list[FloatArray]:
+    """Standing still; and where nothing does, as in trembling air, what the window does on the whole, each (K, 2) [px].
+
+    The motion of the point's nearest surroundings is known, shape (K, 2) [px].
+    """
+    still = np.zeros((window.count, 2))
+    common, _ = window.register(steady.astype(np.float32), noise, motion)
+    # Two surfaces in one window have a mean motion, too, which is nobody's: some share of the point's.
+    share = float(np.sum(common * motion) / max(np.sum(motion**2), np.finfo(np.float64).tiny))
+    if not is_distinct(common, np.clip(share, 0, 1) * motion):
+        return [still]
+    _, carried = _vote(window, common, [still, motion], noise)
+    _, stays = _vote(window, still, [common, motion], noise)
+    moves = np.count_nonzero(carried & steady) >= _LAYER_PX > np.count_nonzero(stays & steady)
+    return [still, common] if moves else [still]
+
+
+def _find_others(
+    window: Window, motion: FloatArray, noise: Image, steady: BoolArray, common: list[FloatArray]
+) -> list[FloatArray]:
+    """Those in common, and motions of blocks that are seen to move otherwise than the point, each (K, 2) [px]."""
+    others = list(common)
     for _ in range(_OTHERS):
         known = [motion, *(other for other in others if is_distinct(other, motion))]
         departures = []

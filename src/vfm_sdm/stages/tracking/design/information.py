@@ -46,15 +46,15 @@ def square_std(window: Window, belief: Belief, part: BoolArray) -> tuple[FloatAr
 
     A direction of which the point's nearest surroundings say nothing is told by others only where they are seen to move
     along it, too, or where nothing moves at all: a post that moves sideways before a still wall shares no motion with
-    the wall's joints, even if nothing contradicts them.
+    the wall's joints, even if nothing contradicts them. Where the air moves the wall, they are to move beyond it.
     """
     covariance = _part_covariance(window, belief, part & belief.believed)
     values, axes = np.linalg.eigh(covariance)
     std = np.sqrt(np.maximum(values, 0.0))
     core = window.radius2 <= max(_CORE * belief.radius_px, _LEAST_CORE_PX) ** 2
     near = _part_covariance(window, belief, part & belief.believed & core)
-    along = belief.motion @ axes[:, 1]
-    shared = np.sqrt(np.mean(along**2)) > max(DISTINCT_PX, SURE * std[1])
+    along = [(belief.motion - rest) @ axes[:, 1] for rest in belief.rest]
+    shared = min(np.sqrt(np.mean(one**2)) for one in along) > max(DISTINCT_PX, SURE * std[1])
     nothing_moves = not is_distinct(belief.motion, 0 * belief.motion) and not (belief.against & part).any()
     if not (shared or nothing_moves):
         unseen = max(float(axes[:, 1] @ told @ axes[:, 1]) for told in (near, belief.covariance))

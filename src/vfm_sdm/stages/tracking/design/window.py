@@ -38,6 +38,9 @@ _USABLE_PX = 0.1
 """Standard deviation of one frame's motion in a direction above which it is left as it is [px]."""
 _WEAKEST = 0.01
 """Share of the information across an edge below which that along it is made by the edge's own roughness."""
+_UNKNOWN_PX = 100.0
+"""Standard deviation that is stated of a direction of which nothing is known [px]: more would drown the other in
+rounding."""
 _ITERATIONS = 8
 _STEP_PX, _SMALL_STEP_PX = 1.5, 2e-3
 _LOCAL_ITERATIONS = 3
@@ -121,7 +124,7 @@ class Window:
         for frame in range(self.count):
             best: Image | None = None
             trial = further[frame].copy()
-            for _ in range(_LOCAL_ITERATIONS):
+            for iteration in range(_LOCAL_ITERATIONS):
                 at = columns + trial[0] + np.float32(motion[frame, 0]), rows + trial[1] + np.float32(motion[frame, 1])
                 sampled = cv2.remap(self.soft[frame + 1], *at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
                 error = sampled - self.soft[0]
@@ -129,6 +132,8 @@ class Window:
                 better = np.ones(gu.shape, np.bool_) if best is None else misfit < best
                 best = misfit if best is None else np.minimum(misfit, best)
                 further[frame] = np.where(better, trial, further[frame])
+                if iteration == _LOCAL_ITERATIONS - 1:
+                    break
                 bu, bv = within.product(gu, error), within.product(gv, error)
                 trial = (
                     further[frame]
@@ -177,6 +182,7 @@ class Window:
         # Noise has gradients, too: they are as many as the noise, and tell nothing.
         true = values - noise_of_gradients() * float(weights[part].sum())
         variance = 2 / kept_noise() * np.maximum(values, 1e-12) / np.maximum(true, 1e-6) ** 2
+        variance = np.minimum(variance, _UNKNOWN_PX**2)
         usable = (variance < _USABLE_PX**2) & (true > _WEAKEST * true[-1])
         solve = (axes * np.where(usable, 1 / np.maximum(values, 1e-12), 0.0)) @ axes.T @ (free * weight)
         motion = start.copy()

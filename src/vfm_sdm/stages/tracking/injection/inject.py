@@ -21,7 +21,7 @@ from vfm_sdm.stages.registration.designs import SubsetDesign
 from vfm_sdm.stages.tracking.base import DesignedTracker, Tracker
 from vfm_sdm.stages.tracking.injection.encoder import ClipEncoder
 from vfm_sdm.stages.tracking.injection.gains import Gain, combine_gains, compute_gain, smooth_motion
-from vfm_sdm.stages.tracking.injection.source import Looks, Source, measure_looks
+from vfm_sdm.stages.tracking.injection.source import Source, measure_looks
 
 __all__ = ["inject"]
 
@@ -83,6 +83,8 @@ def inject(
     """
     names = [str(name) for name in tracks["point"].values]
     registration: Any = getattr(tracker, "registration_tracker", tracker)
+    if hasattr(registration, "of_whole_subsets"):
+        registration = registration.of_whole_subsets()
     sides = [_find_side(registration, name, designs) for name in names]
     shifts = trusted_values(tracks, "position")[:_FRAMES]
     states = [_judge(shifts[:, k], side) for k, side in enumerate(sides)]
@@ -224,12 +226,15 @@ class _Injection:
         found = []
         for number in range(_PASSES):
             pictures = source.render(place.motion, self.clip.bit_depth, np.random.default_rng([number, place.side]))
-            gains, got = self._measure(encoder.run(pictures))
-            if got is None:
+            luma = encoder.run(pictures)
+            gains, shifts = self._measure(luma)
+            if np.isfinite(shifts).all(axis=1).sum() < _FEWEST:
                 return None
             if number > 0:
                 found.append(gains)
-            source = source.corrected(wanted, got)
+            if number < _PASSES - 1:
+                got = measure_looks(luma, place.center - place.margin_px, shifts, intra, place.side)
+                source = source.corrected(wanted, got)
         believed = None if self.design is None else self.design.mask
         believed = np.ones((place.side, place.side), np.bool_) if believed is None else believed
         share = _LOSS_SHARE if encoder.by_quality else _LOSS_SHARE_UNKNOWN
@@ -239,8 +244,8 @@ class _Injection:
         first, second = (combine_gains(one, loss_share=share) for one in zip(*found, strict=True))
         return first, second
 
-    def _measure(self, luma: LumaArray) -> tuple[tuple[Gain, Gain], Looks | None]:
-        """Gains along both directions in a clip, and its looks; ``None`` where the point is lost in it."""
+    def _measure(self, luma: LumaArray) -> tuple[tuple[Gain, Gain], FloatArray]:
+        """Gains along both directions in a clip, and the motion that was tracked in it, shape (T, 2) [px]."""
         place, start = self.place, self.place.center - self.place.margin_px
         video = video_in_memory(luma, fps=_FEWEST / 2.0, bit_depth=self.clip.bit_depth)
         options = {"designs": [self.design]} if self.design is not None else {}
@@ -249,9 +254,7 @@ class _Injection:
         first, second = (
             compute_gain(shifts @ direction, place.motion @ direction) for direction in find_directions(self.across)
         )
-        if np.isfinite(shifts).all(axis=1).sum() < _FEWEST:
-            return (first, second), None
-        return (first, second), measure_looks(luma, start, shifts, self.clip.frame_types == 1, place.side)
+        return (first, second), shifts
 
 
 def find_directions(across: FloatArray | None) -> FloatArray:

@@ -168,10 +168,13 @@ class Source:
         inner = slice(self.margin_px, -self.margin_px)
         highest = (1 << bit_depth) - 1
         pictures = []
+        all_moves = self._all_moves
         for shift in shifts:
             phase = _phase(self.shape, shift)
-            moved, share = (scipy.fft.irfft2(x * phase, s=self.shape)[inner, inner] for x in (spectrum, self.mask))
-            moved = self.still[inner, inner] + np.clip(share, 0, 1) * (moved - self.still[inner, inner])
+            moved = scipy.fft.irfft2(spectrum * phase, s=self.shape)[inner, inner]
+            if not all_moves:
+                share = scipy.fft.irfft2(self.mask * phase, s=self.shape)[inner, inner]
+                moved = self.still[inner, inner] + np.clip(share, 0, 1) * (moved - self.still[inner, inner])
             noisy = moved + np.float32(self.noise) * rng.standard_normal(moved.shape, dtype=np.float32) + self.level
             pictures.append(np.clip(np.rint(noisy), 0, highest).astype(np.uint8 if bit_depth == 8 else np.uint16))
         return cast("LumaArray", np.array(pictures))
@@ -202,6 +205,11 @@ class Source:
         u, v = (round(float(x)) for x in center)
         share = scipy.fft.irfft2(self.mask, s=self.shape)[v - half : v + half + 1, u - half : u + half + 1]
         return float(1 - share[believed].mean())
+
+    @property
+    def _all_moves(self) -> bool:
+        """Whether nothing in the picture stands still: of the mask's transform only the mean is left, and it is 1."""
+        return bool(abs(self.mask[0, 0] - self.shape[0] * self.shape[1]) < 1.0)
 
     def _gain(self) -> FloatArray:
         fv, fu = np.fft.fftfreq(self.shape[0])[:, None], np.fft.rfftfreq(self.shape[1])[None]
