@@ -21,7 +21,7 @@ SESSION = "session.resolved.toml"
 
 _SUMMARY, _LOCK, _FIGURES = "summary.json", "run.lock", "figures"
 _RESULTS = (
-    *("displacement.*", "evaluation.json", _SUMMARY),
+    *("displacement.*", "evaluation.json", "acceptance_*.json", _SUMMARY),
     *(f"{_FIGURES}/{stem}.png" for stem in ("trajectory_*", "displacement_*", "points_*", "audit")),
 )
 """What is said of a measurement. Cameras, points and tracks stand under keys of their own, which tell what they are
