@@ -160,7 +160,7 @@ def _expectation(subset: xr.Dataset) -> tuple[str, str]:
 
 
 def displacement_table(displacement: xr.Dataset) -> Table:
-    """Peak-to-peak, its expanded uncertainty (k = 2), scale, frequency and valid share a point and axis."""
+    """Peak-to-peak with its uncertainty (k = 2), detection limit, scale, frequency and valid share a point and axis."""
     table = Table(
         title=Text(f"Displacement in mm, axes of the {displacement.attrs['frame']}"),
         title_justify="left",
@@ -173,6 +173,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
         "p-p",
         "+- k=2",
         "random std",
+        "detect",
         "scale [%]",
         "f [Hz]",
         "valid [%]",
@@ -189,6 +190,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
                 _number(values["peak_to_peak_mm"], "{:.2f}"),
                 _number(values["expanded_uncertainty_mm"], "{:.2f}"),
                 _number(values["random_std_mm"], "{:.3f}"),
+                _number(values["detection_limit_mm"], "{:.3f}"),
                 _number(values["scale_std"], "{:.1f}", 100),
                 _number(values["dominant_frequency_hz"], "{:.2f}"),
                 _number(figures["coverage_valid"], "{:.0f}", 100),

@@ -1,5 +1,7 @@
 """The measurement of a run folder, with its kept products in the place of the recordings."""
 
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.acceptance import BudgetModel
-from vfm_sdm.core.netcdf import read_points
+from vfm_sdm.core.netcdf import read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.inputs.session import Session, read_session
@@ -17,7 +19,7 @@ from vfm_sdm.stages.cameras.solution import read_solution
 from vfm_sdm.stages.displacement.origin import include_origin
 from vfm_sdm.stages.tracking.injection.views import read_injection
 
-__all__ = ["KEYED", "read_budget_model", "read_measurement", "read_session_of"]
+__all__ = ["KEYED", "read_budget_model", "read_keys", "read_measurement", "read_session_of"]
 
 KEYED = ("cameras", "points", "tracks", "injection", "displacement")
 """Products that a run folder keeps under keys."""
@@ -42,8 +44,30 @@ def read_session_of(folder: Path) -> Session:
         raise ResultsError(f"{folder}: expected the session of a run, got: {error}; run `vfm-sdm measure`") from error
 
 
-def read_measurement(folder: Path | str) -> tuple[Measurement, dict[str, str]]:
-    """The measurement that a run folder keeps, in memory, and the keys of what was read.
+def read_keys(folder: Path) -> dict[str, str]:
+    """Keys of the products that can be read, by name.
+
+    Parameters
+    ----------
+    folder
+        The run folder.
+    """
+    readers: dict[str, Callable[[], str]] = {
+        "cameras": lambda: read_solution(folder / CAMERAS.file)[1],
+        "points": lambda: str(read_points(folder).attrs.get("key", "")),
+        "tracks": lambda: _read_tracks(folder)[1],
+        "injection": lambda: read_injection(folder / INJECTION.file)[1],
+        "displacement": lambda: str(read_displacement(folder).attrs.get("key", "")),
+    }
+    keys = {}
+    for name, read in readers.items():
+        with suppress(ResultsError):
+            keys[name] = read()
+    return keys
+
+
+def read_measurement(folder: Path | str) -> Measurement:
+    """The measurement that a run folder keeps, in memory.
 
     Parameters
     ----------
@@ -52,28 +76,29 @@ def read_measurement(folder: Path | str) -> tuple[Measurement, dict[str, str]]:
 
     Returns
     -------
-    measurement, keys
-        With cameras, points, tracks and gains given, so that nothing after them needs the recordings; keys by product.
+    measurement
+        With cameras, points, tracks and gains given, so that nothing after them needs the recordings.
 
     Raises
     ------
     ResultsError
-        Session, cameras, points or tracks are missing or damaged.
+        Session, cameras, points or tracks are missing or damaged, or of different sessions.
     """
     path = Path(folder)
     session = read_session_of(path)
-    cameras, camera_key = read_solution(path / CAMERAS.file)
-    tracks: dict[str, xr.Dataset]
-    if TRACKS.read is None:
-        raise ResultsError(f"{path}: expected tracks that can be read back, got none; run `vfm-sdm measure`")
-    tracks, track_key = TRACKS.read(path / TRACKS.file)
+    cameras, _ = read_solution(path / CAMERAS.file)
+    tracks, _ = _read_tracks(path)
     _check_names(path, session, tracks)
-    points = read_points(path)
-    keys = {"cameras": camera_key, "points": str(points.attrs.get("key", "")), "tracks": track_key}
-    products: dict[str, Any] = {"cameras": cameras, "points": points, "tracks": tracks, "injection": None}
+    products: dict[str, Any] = {"cameras": cameras, "points": read_points(path), "tracks": tracks, "injection": None}
     if (path / INJECTION.file).exists():
-        products["injection"], keys["injection"] = read_injection(path / INJECTION.file)
-    return Measurement(session).given(**products), keys
+        products["injection"], _ = read_injection(path / INJECTION.file)
+    return Measurement(session).given(**products)
+
+
+def _read_tracks(folder: Path) -> tuple[dict[str, xr.Dataset], str]:
+    if TRACKS.read is None:
+        raise ResultsError(f"{folder}: expected tracks that can be read back, got none; run `vfm-sdm measure`")
+    return TRACKS.read(folder / TRACKS.file)
 
 
 def _check_names(path: Path, session: Session, tracks: dict[str, xr.Dataset]) -> None:
@@ -100,7 +125,7 @@ def read_budget_model(folder: Path | str) -> BudgetModel:
     ResultsError
         A product is missing or damaged, or there is no displacement of two views or more.
     """
-    measurement, _ = read_measurement(folder)
+    measurement = read_measurement(folder)
     cameras, displacement, unrefined = measurement.cameras, measurement.displacement, measurement.unrefined
     if cameras.rig is None or displacement is None or unrefined is None:
         raise ResultsError(

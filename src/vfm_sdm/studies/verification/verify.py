@@ -18,7 +18,7 @@ from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.inputs.session import Session, input_files
 from vfm_sdm.outputs.results import read_summary, summarize_displacement
-from vfm_sdm.studies.verification.kept_run import KEYED, read_measurement, read_session_of
+from vfm_sdm.studies.verification.kept_run import KEYED, read_keys, read_measurement, read_session_of
 
 __all__ = ["Finding", "Verification", "verify_run"]
 
@@ -95,21 +95,17 @@ def verify_run(folder: Path | str) -> Verification:
     session = read_session_of(path)
     findings = [_compare_session(path, record), *_compare_inputs(session, record)]
     findings += _compare_versions(record)
-    keys: dict[str, str] = {}
-    recomputed = False
+    recomputed, again, stored = False, None, None
     try:
-        measurement, keys = read_measurement(path)
-        again = measurement.displacement
+        again = read_measurement(path).displacement
         recomputed = True
     except VfmSdmError as error:
         findings.append(Finding("displacement computed anew", Outcome.NOT_POSSIBLE, str(error)))
     try:
         stored = read_displacement(path) if (path / "displacement.nc").exists() else None
     except VfmSdmError as error:
-        return Verification((*findings, Finding("displacement.nc", Outcome.FAIL, str(error))), recomputed)
-    if stored is not None:
-        keys["displacement"] = str(stored.attrs.get("key", ""))
-    findings += _compare_keys(record, keys)
+        findings.append(Finding("displacement.nc", Outcome.FAIL, str(error)))
+    findings += _compare_keys(record, read_keys(path))
     if recomputed:
         findings += _compare_results(stored, again)
     if stored is not None:
