@@ -24,12 +24,12 @@ NOISE_TRUST = 1.5
 """Factor by which stated noise may be too small before what is left counts as motion [1]."""
 REQUIRED = frozenset(
     {
-        *("scale", "epipolar error", "epipolar error in motion", "clocks", "samples missing"),
+        *("scale", "epipolar error", "epipolar error in motion", "samples missing"),
         *("static points", "tripods", "signal to noise"),
     }
 )
 """Names of the checks without which nobody knows whether a result is fit to use: of the scale, of the views against
-each other, of the cameras that must stand still, and of whether anything was measured."""
+each other (also of their clocks), of the cameras that must stand still, and of whether anything was measured."""
 
 
 @dataclass(frozen=True)

@@ -248,7 +248,7 @@ names = st.text(
     min_size=1,
     max_size=20,
 ).filter(lambda name: set(name) != {"."})
-lengths = st.floats(1e-6, 1e6)
+lengths = st.floats(1.0, 10.0)
 
 
 @settings(max_examples=30, deadline=None)
