@@ -92,3 +92,17 @@ def test_lost_tracks_leave_nothing_to_compute(folder, capsys):
 def test_no_run(tmp_path):
     with pytest.raises(ResultsError, match="expected a summary, got no such file"):
         verify_run(tmp_path)
+
+
+def test_acceptance_of_a_run_on_the_command_line(folder, capsys):
+    run, words = folder / "run", ["accept", "budget", str(folder / "run"), "--monte-carlo", "10000"]
+    with pytest.raises(SystemExit, match="0"):
+        main(words)
+    assert "budget: pass (9 of 9)" in capsys.readouterr().out
+    assert json.loads((run / "acceptance_budget.json").read_text())["trials"] == 10000
+    with pytest.raises(SystemExit, match="1"):  # the plane moves by millimetres
+        main(["accept", "noise-floor", str(run), "--limit", "0.1"])
+    assert "noise-floor: fail" in capsys.readouterr().out
+    (folder / "lengths.csv").write_text("point_a,point_b,length_m\na,b,0.5\n")
+    with pytest.raises(SystemExit, match="1"):
+        main(["accept", "lengths", str(run), str(folder / "lengths.csv")])
