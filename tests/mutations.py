@@ -1,6 +1,7 @@
 """Inputs spoiled at random, as editors, loggers, cards and disks spoil them; each by its seed."""
 
 import copy
+import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,11 @@ def spoil_toml(path: Path, rng: np.random.Generator) -> None:
         except (TypeError, ValueError):
             pass
     path.write_bytes(spoil_bytes(path.read_bytes(), rng))
+
+
+def spoil_json(path: Path, rng: np.random.Generator) -> None:
+    """A JSON file with other values or keys."""
+    path.write_text(json.dumps(spoil_table(json.loads(path.read_text(encoding="utf-8")), rng)), encoding="utf-8")
 
 
 def spoil_lines(path: Path, rng: np.random.Generator) -> None:

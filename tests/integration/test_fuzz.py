@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from compressed import film
-from mutations import spoil_file, spoil_lines, spoil_toml
+from mutations import spoil_file, spoil_json, spoil_lines, spoil_toml
 from scenes import write_scene
 from sensor_files import HEADER, put, rows, swinging
 from vfm_sdm.commands.app import main
@@ -207,6 +207,7 @@ READERS = (
     ("displacement", "scene/session.toml", "-o", "run"),
     ("evaluate", "run", "whole/displacement.nc", "--axis", "right"),
     ("verify", "run"),
+    ("accept", "budget", "run", "--monte-carlo", "10000"),
     ("accept", "noise-floor", "run"),
     ("accept", "lengths", "run", "lengths.csv"),
 )
@@ -220,7 +221,11 @@ def test_run_folders(scene, tmp_path, seed):
         for _ in range(int(rng.integers(1, 3))):
             files = [p for p in sorted((folder / "run").iterdir()) if p.is_file()]
             chosen = files[int(rng.integers(len(files)))]
-            (spoil_toml if chosen.suffix == ".toml" and rng.random() < 0.5 else spoil_file)(chosen, rng)
+            own = {".toml": spoil_toml, ".json": spoil_json}.get(chosen.suffix)
+            try:
+                (own if own is not None and rng.random() < 0.7 else spoil_file)(chosen, rng)
+            except ValueError:  # spoiled before, beyond its form
+                spoil_file(chosen, rng)
         words = READERS[int(rng.integers(len(READERS)))]
         placed = [folder / word if (folder / word).exists() else word for word in words]
         return run(*placed) or (half(folder / "run") if words[0] == "displacement" else "")

@@ -211,6 +211,16 @@ class TestReaders:
         ):
             self.check(run)
 
+    def test_a_folder_in_the_place_of_the_session_is_refused(self, run):
+        (run / "session.resolved.toml").unlink()
+        (run / "session.resolved.toml").mkdir()
+        with pytest.raises(ResultsError, match=r"expected the session that was measured, got: Is a directory; run"):
+            self.check(run)
+
+    def test_a_summary_of_another_form_is_read_as_one_without_keys(self, run):
+        RunFolder(run).add({"products": "none"})
+        assert self.check(run) == ()
+
     def test_results_that_the_summary_does_not_know_are_refused(self, run):
         displacement = read_displacement(run)
         write_displacement(run, displacement.assign_attrs(key="another"))
