@@ -179,11 +179,11 @@ def displacement_table(displacement: xr.Dataset) -> Table:
         "axis",
         "p-p",
         "+- k=2",
-        "random std",
+        "std",
         "detect",
-        "scale [%]",
+        "scale %",
         "f [Hz]",
-        "valid [%]",
+        "valid %",
     ):
         if name == "point":
             _add_name_column(table, name, displacement["point"].values)
