@@ -272,16 +272,17 @@ class Measurement(Chain[Session]):
         needs=("frames", "cameras", "tracks", "steady", "aligned", "unrefined", "displacement"),
     )
     def audit(self, session: Session) -> Audit | None:
-        """Checks and verdict; ``None`` without displacement, or of a single view."""
-        if self.cameras.rig is None or len(session.view) < 2 or self.displacement is None or self.unrefined is None:
+        """Checks and verdict, of a single view as far as it allows; ``None`` without displacement."""
+        if self.displacement is None:
             return None
+        alone = self.displacement if self.unrefined is None else self.unrefined
         inputs = AuditInputs(
             session=session,
             cameras=self.cameras,
             tracks=self.tracks,
             aligned=self.aligned,
             displacement=self.displacement,
-            unrefined=self.unrefined.assign(status=self.displacement["status"]),
+            unrefined=alone.assign(status=self.displacement["status"]),
             camera_motion=self.steady.views,
             frames=self.frames,
         )

@@ -52,7 +52,7 @@ class WarpedTemplates:
         design = None if bank.designs is None else bank.designs[row]
         if half * np.abs(A - np.eye(2)).sum(axis=1).max() <= _STRAIGHT_PX or np.linalg.det(A) <= 0:
             return cut_subset(self._reference, center, half), design
-        back = np.linalg.inv(A)
+        back = np.asarray(np.linalg.inv(A), np.float64)
         template = self._warp(self._reference, back, center, half, cv2.INTER_LINEAR)
         if design is None or design.mask is None:
             return template, design
@@ -65,4 +65,7 @@ class WarpedTemplates:
         moved = np.column_stack([back, center - back @ middle])
         side = (2 * half + 1, 2 * half + 1)
         flags = how | cv2.WARP_INVERSE_MAP
-        return np.asarray(cv2.warpAffine(image, moved, side, flags=flags, borderMode=cv2.BORDER_REPLICATE))
+        turned: LumaArray = cv2.warpAffine(image, moved, side, flags=flags, borderMode=cv2.BORDER_REPLICATE).astype(
+            image.dtype
+        )
+        return turned
