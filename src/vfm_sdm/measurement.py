@@ -84,8 +84,7 @@ class Measurement(Chain[Session]):
         super().__init__(session, None if folder is None else Path(folder))
         self.progress = progress
         self._session, self._whole_files = session, whole_files
-        self._hashes: dict[Path, str] = {}
-        self._parts: dict[str, Any] = {}
+        self._hashes, self._parts = dict[Path, str](), dict[str, Any]()
         self._choices: dict[tuple[Any, ...], SubsetChoice] = {}
 
     @property

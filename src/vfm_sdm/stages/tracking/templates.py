@@ -65,7 +65,5 @@ class WarpedTemplates:
         moved = np.column_stack([back, center - back @ middle])
         side = (2 * half + 1, 2 * half + 1)
         flags = how | cv2.WARP_INVERSE_MAP
-        turned: LumaArray = cv2.warpAffine(image, moved, side, flags=flags, borderMode=cv2.BORDER_REPLICATE).astype(
-            image.dtype
-        )
-        return turned
+        turned = cv2.warpAffine(image, moved, side, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return turned.astype(np.uint8) if image.dtype == np.uint8 else turned.astype(np.uint16)
