@@ -11,13 +11,15 @@ from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
 from vfm_sdm.geometry.triangulation import sampson_error, triangulate
 from vfm_sdm.inputs.session import Readings, Site
+from vfm_sdm.stages.cameras.culprits import Claim
 from vfm_sdm.stages.cameras.match_cells import CellMatches, group_matches, group_points
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["DISTANCE", "MATCH_STD_PX", "SiteProblem"]
+__all__ = ["ALL_FOCALS", "DISTANCE", "MATCH_STD_PX", "SiteProblem"]
 
+ALL_FOCALS = "focal lengths of all views"
 DISTANCE = "distance"
 """First word of the names of the distances from the reference camera to the third and further cameras."""
 MATCH_STD_PX = 0.25
@@ -26,6 +28,8 @@ of the camera model, which are alike for neighbours. It is enlarged when the res
 _POSE_PARAMETERS = 7
 """Largest number of parameters of the epipolar geometry of two views."""
 _RIGS_KEPT = 64
+_FOCAL_REACH = 3.0
+"""Largest change of a logarithm of a focal length that distortion follows: a factor of twenty is only a trial step."""
 _ROBUST_STD = 3.0
 _NORMAL = 1.4826
 """Standard deviation over the median absolute value of a normal distribution."""
@@ -49,7 +53,8 @@ class SiteProblem:
 
     Notes
     -----
-    The parameters are those of the rig, with the pose of the reference camera fixed; pitch and roll of the reference
+    The parameters are those of the rig, with the pose of the reference camera fixed, and distortion by what it does to
+    pixels, so that its prior keeps its meaning when the focal length moves; pitch and roll of the reference
     camera; perpendicular and longitudinal distance; the common offset of points from the face and its lean, the offset
     of matches at the lower border of the image; and pixel errors of the named points in use.
 
@@ -121,8 +126,35 @@ class SiteProblem:
         if key not in self._rigs:
             if len(self._rigs) >= _RIGS_KEPT:
                 self._rigs.clear()
-            self._rigs[key] = self._start.perturbed(self._factor @ inner)
+            self._rigs[key] = self._start.perturbed(self._step_to(inner))
         return self._rigs[key]
+
+    def _step_to(self, inner: FloatArray) -> FloatArray:
+        """Change of the rig's parameters, shape (10 V,); that of the distortion keeps its pixels.
+
+        A prior of k1 says by how much a lens moves the pixels at the corner of the image. With a focal length that is
+        uncertain itself, the same pixels are another k1: it grows with the square of the focal length.
+        """
+        step = self._factor @ inner
+        focal, k1 = (step[CAMERA_PARAMETERS.index(name) :: len(CAMERA_PARAMETERS)] for name in ("log_focal", "k1"))
+        k1 *= np.exp(2 * np.clip(focal, -_FOCAL_REACH, _FOCAL_REACH))
+        return np.asarray(step)
+
+    def common_focal(self) -> tuple[FloatArray, float]:
+        """Whitened parameters of all focal lengths one prior standard deviation longer, and that deviation.
+
+        Returns
+        -------
+        direction, std
+            Shape (M,); and the mean relative standard deviation [1].
+        """
+        rows = self._factor[:: len(CAMERA_PARAMETERS)]
+        stds = np.linalg.norm(rows, axis=1)
+        direction = np.zeros(self.size)
+        wanted = np.zeros(len(self._factor))
+        wanted[:: len(CAMERA_PARAMETERS)] = stds
+        direction[: self._rig_size] = np.linalg.pinv(self._factor) @ wanted
+        return direction, float(stds.mean())
 
     def structure_rotation(self, z: FloatArray) -> FloatArray:
         """Rotation from the reference camera to the structure's axes at these parameters.
@@ -207,11 +239,12 @@ class SiteProblem:
         for index, (name, camera) in enumerate(zip(rig.names, rig.cameras, strict=True)):
             start = self._start.cameras[index]
             std = np.sqrt(np.diag(covariance))[len(CAMERA_PARAMETERS) * index :][:4]
+            stretch = camera.focal_px / start.focal_px
             rows = (
                 ("focal", "px", start.focal_px, std[0] * start.focal_px, camera.focal_px),
                 ("principal point u", "px", start.K[0, 2], std[1], camera.K[0, 2]),
                 ("principal point v", "px", start.K[1, 2], std[2], camera.K[1, 2]),
-                ("distortion k1", "1", start.distortion[0], std[3], camera.distortion[0]),
+                ("distortion k1", "1", start.distortion[0], std[3] * stretch**2, camera.distortion[0]),
             )
             values += [AdjustedValue(f"{what} {name}", unit, p, s, v) for what, unit, p, s, v in rows if s > 0]
         values += self._list_distances(rig)
@@ -226,6 +259,57 @@ class SiteProblem:
                 prior, std = self._extra_prior[index], self._extra_std[index]
                 values.append(AdjustedValue(name, "m", prior, std, float(extra[index]), True))
         return values
+
+    def claims(self, count: int) -> list[Claim]:
+        """Everything that was stated and may be wrong, and how an error of it would change the residuals.
+
+        Parameters
+        ----------
+        count
+            Number R of all residuals.
+
+        Returns
+        -------
+        claims
+            Focal lengths of each view and of all together, priors of the site, and every reading.
+        """
+        inner = np.linalg.pinv(self._factor)
+        names = self._start.names
+        found, focal = [], []
+        for index, (name, camera) in enumerate(zip(names, self._start.cameras, strict=True)):
+            row = np.zeros(len(self._factor))
+            row[len(CAMERA_PARAMETERS) * index] = std = float(np.linalg.norm(self._factor[len(row) // len(names) * index]))
+            if std > 0:
+                rows = np.pad(inner @ row, (0, count - self._rig_size))[:, None]
+                focal.append(Claim(f"focal {name}", "px", camera.focal_px, std, rows, logarithmic=True))
+        found += focal
+        if len(focal) > 1:
+            std = float(np.mean([one.std for one in focal]))
+            rows = np.sum([std / one.std * one.rows for one in focal], axis=0)
+            mean = float(np.exp(np.mean([np.log(one.stated) for one in focal])))
+            found.append(Claim(ALL_FOCALS, "px", mean, std, rows, logarithmic=True))
+        eye = np.eye(count)
+        extra = ("pitch reference camera", "roll reference camera", "perpendicular distance", "longitudinal distance")
+        for index, name in enumerate(extra if self.has_axes else ()):
+            unit, scale = ("deg", np.degrees(1.0)) if index < 2 else ("m", 1.0)
+            stated, std = scale * self._extra_prior[index], scale * self._extra_std[index]
+            found.append(Claim(name, unit, float(stated), float(std), eye[:, [self._rig_size + index]]))
+        measured = list_measured(self._state(np.zeros(self.size)), self._site, self._readings)
+        on_face = self._face if self.has_axes else []
+        first = count - len(measured) - len(on_face)
+        for row, one in enumerate(measured, start=first):
+            found.append(Claim(one.name, one.units, one.prior, one.prior_std, eye[:, [row]]))
+        found += [self._claim_of_point(name, eye, first + len(measured)) for name in self._used]
+        return found
+
+    def _claim_of_point(self, name: str, eye: FloatArray, first: int) -> Claim:
+        """A named point: where each view sees it, and that it lies on the face."""
+        per_point = 2 * len(self._start)
+        begin = self._rig_size + self._extra_std.size + per_point * self._used.index(name)
+        rows = list(range(begin, begin + per_point))
+        if self.has_axes and name in self._face:
+            rows.append(first + self._face.index(name))
+        return Claim(f"point {name!r}", "", float("nan"), float("nan"), eye[:, rows])
 
     def epipolar_rms(self, z: FloatArray) -> float:
         """Root mean square epipolar error of the matches.
