@@ -23,9 +23,11 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 import measurements as m  # noqa: E402
 from simulation import SIZE, gain_error, project_all  # noqa: E402
-
 from vfm_sdm.core.statuses import CameraStatus  # noqa: E402
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std  # noqa: E402
+from vfm_sdm.stages.audit.lenses import find_unseen_lens_error  # noqa: E402
+from vfm_sdm.stages.cameras.site_problem import ALL_FOCALS  # noqa: E402
+from vfm_sdm.stages.cameras.solution import CameraSolution  # noqa: E402
 
 PRIORS = ("none", "20 %", "5 %", "2 %", "both wrong", "one wrong")
 FALSE = ("both wrong", "one wrong")
@@ -40,6 +42,7 @@ class Draw:
     prior: str
     view_deg: float
     wrong: float
+    wrong_view: str
     error: float
     std: float
     status: str
@@ -54,6 +57,13 @@ class Draw:
         return abs(self.error) <= NORMAL_95 * self.std
 
     @property
+    def named_right(self) -> bool:
+        """Whether the first culprit is what is wrong."""
+        if self.prior == "both wrong":
+            return self.culprit == ALL_FOCALS
+        return self.culprit == f"focal {self.wrong_view}"
+
+    @property
     def flagged(self) -> bool:
         """Whether anything keeps the result from being fit to use."""
         said = self.status != CameraStatus.OK or self.contradiction > CAUTION
@@ -65,19 +75,20 @@ def draw(seed: int, prior: str) -> Draw:
     rng, noise, lens = (np.random.default_rng([seed, stream]) for stream in range(3))
     view_deg = lens.uniform(14, 90)
     true_px = SIZE[0] / 2 / np.tan(np.radians(view_deg) / 2)
-    wrong = 0.0
+    wrong, wrong_view = 0.0, ""
     if prior == "none":
         focal, std = 1.2 * max(SIZE), 0.5
         errors = np.log(focal / true_px) + lens.normal(0, 0.01, 2) * [0, 1]
     else:
-        focal, std = true_px, 0.02 if prior in FALSE else float(prior.split()[0]) / 100
+        focal, std = true_px, 0.02 if prior in FALSE else float(prior.split(maxsplit=1)[0]) / 100
         errors = lens.normal(0, std, 2)
         if prior in FALSE:
             wrong = float(lens.choice([-1, 1]) * lens.uniform(np.log(1.1), np.log(1.5)))
-            errors = errors + (wrong if prior == "both wrong" else wrong * (np.arange(2) == lens.integers(2)))
-            focal *= np.exp(wrong)
-            if prior == "one wrong":
-                focal = true_px
+            # All that is noted of a lens is one focal length for both, and `Conditions` states errors of the noted one.
+            chosen = np.ones(2) if prior == "both wrong" else np.eye(2)[lens.integers(2)]
+            errors = errors + wrong * chosen
+            focal = true_px * np.exp(wrong) if prior == "both wrong" else true_px
+            wrong_view = m.VIEWS[int(chosen.argmax())]
     drawn = m.draw_conditions(rng)
     corner_std = float(lens.choice([0.0, 0.025]))
     c = replace(
@@ -93,18 +104,19 @@ def draw(seed: int, prior: str) -> Draw:
     solution = m._solve(c, session, rig, clicked, noise)
     cpu_s = time.process_time() - start
     sensitivity = compute_gain_sensitivity(project_all(rig, points3d[:1]), solution.rig)
-    stated = np.sqrt(np.diag(compute_gain_std(sensitivity, np.eye(3), solution.covariance)[0]) ** 2)
+    stated = np.diag(compute_gain_std(sensitivity, np.eye(3), solution.covariance)[0])
     off = max(solution.quantities, key=lambda q: q.contradiction)
     suspects = solution.suspects
     return Draw(
-        seed, prior, view_deg, wrong, float(gain_error(rig, solution.rig, points3d[0])[1]), float(stated[1]),
+        seed, prior, view_deg, wrong, wrong_view, float(gain_error(rig, solution.rig, points3d[0])[1]), float(stated[1]),
         str(solution.status), off.contradiction, off.name, suspects[0].name if suspects else "",
         float(unchecked(solution, sensitivity)), cpu_s,
     )  # fmt: skip
 
 
-def unchecked(solution, sensitivity) -> float:
-    return 0.0
+def unchecked(solution: CameraSolution, sensitivity: np.ndarray) -> float:
+    """Error of the vertical scale that a wrong lens could cause unseen [1]."""
+    return find_unseen_lens_error(solution, np.pad(sensitivity[0, :, 1, 1], (0, 3)))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -135,6 +147,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "inside": float(np.mean([d.inside for d in found])),
             "inside_or_flagged": float(np.mean([d.inside or d.flagged for d in found])),
             "flagged": float(np.mean([d.flagged for d in found])),
+            "care_though_inside_5_%": float(np.mean([d.flagged and 2 * d.std <= LIMIT for d in found])),
+            "culprit_right": float(np.mean([d.named_right for d in found if d.culprit] or [np.nan])),
             "median_std": float(np.median([d.std for d in found])),
         }
         print(f"{prior:10s} " + ", ".join(f"{k} {v:.3g}" for k, v in row.items()), flush=True)

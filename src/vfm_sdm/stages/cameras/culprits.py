@@ -29,7 +29,7 @@ formats lie farther apart."""
 _FACTORS = (
     (1000.0, "stated in millimetres"),
     (1e-3, "stated in kilometres, or divided by 1000 once too often"),
-    (0.3048 ** -1, "stated in feet"),
+    (0.3048**-1, "stated in feet"),
     (16 / 9, "of the other side of a picture of 16 to 9, as EXIF of a turned picture gives it"),
     (9 / 16, "of the other side of a picture of 16 to 9, as EXIF of a turned picture gives it"),
     (-1.0, "stated with the other sign"),

@@ -278,7 +278,9 @@ class SiteProblem:
         found, focal = [], []
         for index, (name, camera) in enumerate(zip(names, self._start.cameras, strict=True)):
             row = np.zeros(len(self._factor))
-            row[len(CAMERA_PARAMETERS) * index] = std = float(np.linalg.norm(self._factor[len(row) // len(names) * index]))
+            row[len(CAMERA_PARAMETERS) * index] = std = float(
+                np.linalg.norm(self._factor[len(row) // len(names) * index])
+            )
             if std > 0:
                 rows = np.pad(inner @ row, (0, count - self._rig_size))[:, None]
                 focal.append(Claim(f"focal {name}", "px", camera.focal_px, std, rows, logarithmic=True))
