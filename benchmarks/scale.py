@@ -107,8 +107,9 @@ def draw(seed: int, prior: str) -> Draw:
     stated = np.diag(compute_gain_std(sensitivity, np.eye(3), solution.covariance)[0])
     off = max(solution.quantities, key=lambda q: q.contradiction)
     suspects = solution.suspects
+    error = float(gain_error(rig, solution.rig, points3d[0])[1])
     return Draw(
-        seed, prior, view_deg, wrong, wrong_view, float(gain_error(rig, solution.rig, points3d[0])[1]), float(stated[1]),
+        seed, prior, view_deg, wrong, wrong_view, error, float(stated[1]),
         str(solution.status), off.contradiction, off.name, suspects[0].name if suspects else "",
         float(unchecked(solution, sensitivity)), cpu_s,
     )  # fmt: skip
@@ -131,11 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = []
         for seed in range(options.first, options.first + options.draws):
             with threadpool_limits(1):
-                try:
-                    found.append(draw(seed, prior))
-                except Exception as error:
-                    print(f"seed {seed}, {prior}: {type(error).__name__}: {error}", flush=True)
-                    continue
+                found.append(draw(seed, prior))
             if options.verbose:
                 d = found[-1]
                 print(f"{d.seed:4d} {prior:10s} view {d.view_deg:3.0f} wrong {d.wrong:+.2f} error {d.error:+.3f} "

@@ -61,6 +61,7 @@ def find_unseen_lens_error(cameras: CameraSolution, slope: FloatArray) -> float:
 
 
 def _directions(count: int) -> Iterator[FloatArray]:
+    """Errors of all lenses together, and of each alone, shape (V,)."""
     yield np.ones(count)
     yield from np.eye(count)
 

@@ -67,8 +67,8 @@ def check_scale(inputs: AuditInputs) -> AuditCheck:
     unseen = _find_unseen(inputs, point)
     if value <= limit < unseen:
         sentence = (
-            f"known to {_percent(value)} (k = 2) if the lenses are as stated; it rests on them, and nothing would show a "
-            f"lens so wrong that the scale is off by {_percent(unseen)}. {_advise_check(inputs, point)} checks them"
+            f"known to {_percent(value)} (k = 2) if the lenses are as stated; it rests on them, and nothing would "
+            f"show a lens so wrong that the scale is off by {_percent(unseen)}. {_advise_check(inputs, point)} checks them"
         )
         return AuditCheck(_NAME, Outcome.CAUTION, value, limit, "1", sentence, where)
     if value <= limit:

@@ -1,9 +1,8 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import cholesky
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import CameraError
@@ -15,6 +14,14 @@ from vfm_sdm.stages.cameras.culprits import Claim
 from vfm_sdm.stages.cameras.match_cells import CellMatches, group_matches, group_points
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
+from vfm_sdm.stages.cameras.whitening import (
+    OUTLIER,
+    ROBUST_STD,
+    bend,
+    differentiate,
+    differentiate_centrally,
+    factor_prior,
+)
 from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["ALL_FOCALS", "DISTANCE", "MATCH_STD_PX", "SiteProblem"]
@@ -30,10 +37,8 @@ _POSE_PARAMETERS = 7
 _RIGS_KEPT = 64
 _FOCAL_REACH = 3.0
 """Largest change of a logarithm of a focal length that distortion follows: a factor of twenty is only a trial step."""
-_ROBUST_STD = 3.0
 _NORMAL = 1.4826
 """Standard deviation over the median absolute value of a normal distribution."""
-_OUTLIER = 1e3
 _UNSTATED_LEVEL_STD = np.radians(1.0)
 """Standard deviation of pitch and roll without a level reading: a tripod head set by eye [rad]."""
 
@@ -99,7 +104,7 @@ class SiteProblem:
         self._on_face = [group for group in self._cells if group.matches.on_face.any()] if self.has_axes else []
         self._face_matches = [group.matches.chosen(group.matches.on_face) for group in self._on_face]
         self.match_std_px = MATCH_STD_PX
-        self._factor = _factor_prior(rig.covariance)
+        self._factor = factor_prior(rig.covariance)
         self._rig_size = self._factor.shape[1]
         self._extra_prior, self._extra_std = self._read_extra_priors()
         self.size = self._rig_size + self._extra_std.size + 2 * len(rig) * len(self._used)
@@ -209,16 +214,16 @@ class SiteProblem:
         jacobian
             Derivative, shape (M + R, M) [1]; only the parameters of the rig move the matches.
         """
-        matches = [_differentiate(self._compute_match_residuals, z, self._rig_size)]
+        matches = [differentiate(self._compute_match_residuals, z, self._rig_size)]
         if self._shared:
-            matches.append(_differentiate_centrally(self._compute_shared_residuals, z, self._rig_size))
+            matches.append(differentiate_centrally(self._compute_shared_residuals, z, self._rig_size))
         moving = self._rig_size
         if self._on_face:
             moving += self._extra_std.size
             matches = [np.pad(part, ((0, 0), (0, self._extra_std.size))) for part in matches]
-            matches.append(_differentiate_centrally(self._compute_surface_residuals, z, moving))
+            matches.append(differentiate_centrally(self._compute_surface_residuals, z, moving))
         padded = np.pad(np.concatenate(matches), ((0, 0), (0, self.size - moving)))
-        return np.concatenate([np.eye(self.size), padded, _differentiate(self._compute_length_residuals, z, self.size)])
+        return np.concatenate([np.eye(self.size), padded, differentiate(self._compute_length_residuals, z, self.size)])
 
     def quantities(self, z: FloatArray) -> list[AdjustedValue]:
         """Quantities for the report at these parameters.
@@ -299,8 +304,8 @@ class SiteProblem:
         measured = list_measured(self._state(np.zeros(self.size)), self._site, self._readings)
         on_face = self._face if self.has_axes else []
         first = count - len(measured) - len(on_face)
-        for row, one in enumerate(measured, start=first):
-            found.append(Claim(one.name, one.units, one.prior, one.prior_std, eye[:, [row]]))
+        for number, one in enumerate(measured, start=first):
+            found.append(Claim(one.name, one.units, one.prior, one.prior_std, eye[:, [number]]))
         found += [self._claim_of_point(name, eye, first + len(measured)) for name in self._used]
         return found
 
@@ -308,10 +313,10 @@ class SiteProblem:
         """A named point: where each view sees it, and that it lies on the face."""
         per_point = 2 * len(self._start)
         begin = self._rig_size + self._extra_std.size + per_point * self._used.index(name)
-        rows = list(range(begin, begin + per_point))
+        values = list(range(begin, begin + per_point))
         if self.has_axes and name in self._face:
-            rows.append(first + self._face.index(name))
-        return Claim(f"point {name!r}", "", float("nan"), float("nan"), eye[:, rows])
+            values.append(first + self._face.index(name))
+        return Claim(f"point {name!r}", "", float("nan"), float("nan"), eye[:, values])
 
     def epipolar_rms(self, z: FloatArray) -> float:
         """Root mean square epipolar error of the matches.
@@ -356,7 +361,7 @@ class SiteProblem:
                 continue
             medians = _cell_medians(errors, group.cell)
             # Wrong matches must not make the right ones count less.
-            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
+            limit = ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
             squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
             free += len(medians)
         for shared in self._shared:
@@ -456,7 +461,7 @@ class SiteProblem:
             height = rig.cameras[m.first].image_size[1] / 2
             shift = offset + lean * (m.points_first[:, 1] / height - 1)
             scaled = (lateral - perpendicular - shift) / self._site.face_offset_std
-            parts.append(_bend(scaled) * group.weight[group.matches.on_face])
+            parts.append(bend(scaled) * group.weight[group.matches.on_face])
         return np.concatenate(parts)
 
     def _triangulate_face(self, z: FloatArray, rig: Rig) -> list[FloatArray]:
@@ -473,7 +478,7 @@ class SiteProblem:
     def _compute_match_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the matches of pairs of views."""
         parts = [
-            _bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
+            bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
             for group, errors in _list_epipolar_errors(self._pairs, self.rig(z))
         ]
         return np.concatenate([np.empty(0), *parts])
@@ -486,62 +491,12 @@ class SiteProblem:
             scaled = group.points.errors(rig) / self.match_std_px
             # All errors of a point are made smaller together where one of them is gross.
             size = np.linalg.norm(scaled, axis=1, keepdims=True)
-            reach = _ROBUST_STD**2 * group.points.constraints
+            reach = ROBUST_STD**2 * group.points.constraints
             bent = np.sqrt(2 * reach * (np.sqrt(1 + size**2 / reach) - 1))
             robust = np.where(size > 0, scaled * bent / np.where(size > 0, size, 1.0), 0.0)
             known = np.isfinite(robust).all(axis=1, keepdims=True)
-            parts.append((np.where(known, robust, _OUTLIER) * group.weight[:, None]).ravel())
+            parts.append((np.where(known, robust, OUTLIER) * group.weight[:, None]).ravel())
         return np.concatenate(parts)
-
-
-def _bend(scaled: FloatArray) -> FloatArray:
-    """Residuals with the pseudo-Huber loss: quadratic near zero, linear beyond three standard deviations.
-
-    A trial step may change the distortion so much that a pixel has no ray: it counts as a gross outlier.
-    """
-    known = np.where(np.isfinite(scaled), scaled, _OUTLIER)
-    reach = _ROBUST_STD**2
-    return np.asarray(np.sign(known) * np.sqrt(2 * reach * (np.sqrt(1 + known**2 / reach) - 1)))
-
-
-def _differentiate(function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int) -> FloatArray:
-    """Derivative with respect to the first ``count`` parameters by forward differences, shape (residuals, count).
-
-    The step is small because priors of the pose are wide: with a step of a millionth of them the curvature of the
-    residuals would end the iterations too early.
-    """
-    step = 1e-8
-    base = function(z)
-    columns = [np.empty((base.size, 0))]
-    for index in range(count):
-        shift = np.zeros_like(z)
-        shift[index] = step
-        columns.append((function(z + shift) - base)[:, None] / step)
-    return np.concatenate(columns, axis=1)
-
-
-def _differentiate_centrally(function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int) -> FloatArray:
-    """Derivative of residuals that include a triangulation, whose rounding errors need a longer step.
-
-    Central differences, shape (residuals, count).
-    """
-    step = 1e-6
-    return np.stack(
-        [(function(z + shift) - function(z - shift)) / (2 * step) for shift in step * np.eye(z.size)[:count]], axis=1
-    )
-
-
-def _factor_prior(covariance: FloatArray) -> FloatArray:
-    """Factor L with ``covariance = L L^T``, without the columns of parameters that are held fixed."""
-    free = np.flatnonzero(np.diag(covariance) > 0)
-    factor = np.zeros((covariance.shape[0], free.size))
-    if free.size:
-        scale = np.sqrt(np.diag(covariance)[free])
-        correlation = covariance[np.ix_(free, free)] / np.outer(scale, scale)
-        # A prior that comes from an earlier adjustment may be singular to rounding.
-        lower = cholesky(correlation + 1e-12 * np.eye(free.size), lower=True)
-        factor[free] = scale[:, None] * lower
-    return factor
 
 
 def _list_epipolar_errors(groups: Sequence[CellMatches], rig: Rig) -> Iterator[tuple[CellMatches, FloatArray]]:
