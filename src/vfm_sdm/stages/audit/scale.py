@@ -66,9 +66,10 @@ def check_scale(inputs: AuditInputs) -> AuditCheck:
     where = f"{axis} of {point}"
     unseen = _find_unseen(inputs, point)
     if value <= limit < unseen:
+        remedy = _advise_check(inputs, point)
         sentence = (
             f"known to {_percent(value)} (k = 2) if the lenses are as stated; it rests on them, and nothing would "
-            f"show a lens so wrong that the scale is off by {_percent(unseen)}. {_advise_check(inputs, point)} checks them"
+            f"show a lens so wrong that the scale is off by {_percent(unseen)}. {remedy} checks them"
         )
         return AuditCheck(_NAME, Outcome.CAUTION, value, limit, "1", sentence, where)
     if value <= limit:

@@ -1,17 +1,17 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
-from vfm_sdm.geometry.triangulation import sampson_error, triangulate
+from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.culprits import Claim
-from vfm_sdm.stages.cameras.match_cells import CellMatches, group_matches, group_points
+from vfm_sdm.stages.cameras.match_cells import cell_medians, group_matches, group_points, list_epipolar_errors
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.cameras.whitening import (
@@ -331,7 +331,7 @@ class SiteProblem:
         rms
             Error [px]; NaN without matches.
         """
-        errors = [one for _, one in _list_epipolar_errors(self._cells, self.rig(z))]
+        errors = [one for _, one in list_epipolar_errors(self._cells, self.rig(z))]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else float("nan")
 
     def cell_std(self, z: FloatArray) -> float:
@@ -356,16 +356,16 @@ class SiteProblem:
         """
         rig = self.rig(z)
         squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
-        for group, errors in _list_epipolar_errors(self._pairs, rig):
+        for group, errors in list_epipolar_errors(self._pairs, rig):
             if group.matches.std_px:
                 continue
-            medians = _cell_medians(errors, group.cell)
+            medians = cell_medians(errors, group.cell)
             # Wrong matches must not make the right ones count less.
             limit = ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
             squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
             free += len(medians)
         for shared in self._shared:
-            medians = _cell_medians(shared.points.errors(rig), shared.cell)
+            medians = cell_medians(shared.points.errors(rig), shared.cell)
             squares += float(np.sum(np.square(medians)))
             free += shared.points.constraints * len(medians)
         return float(np.sqrt(squares / (free - 2))) if free > _POSE_PARAMETERS else float("nan")
@@ -479,7 +479,7 @@ class SiteProblem:
         """Robust, weighted residuals of the matches of pairs of views."""
         parts = [
             bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
-            for group, errors in _list_epipolar_errors(self._pairs, self.rig(z))
+            for group, errors in list_epipolar_errors(self._pairs, self.rig(z))
         ]
         return np.concatenate([np.empty(0), *parts])
 
@@ -497,15 +497,3 @@ class SiteProblem:
             known = np.isfinite(robust).all(axis=1, keepdims=True)
             parts.append((np.where(known, robust, OUTLIER) * group.weight[:, None]).ravel())
         return np.concatenate(parts)
-
-
-def _list_epipolar_errors(groups: Sequence[CellMatches], rig: Rig) -> Iterator[tuple[CellMatches, FloatArray]]:
-    """Groups of matches with the Sampson error of each match, shape (N,) [px]."""
-    for group in groups:
-        m = group.matches
-        yield group, sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
-
-
-def _cell_medians(errors: FloatArray, cell: IntArray) -> FloatArray:
-    """Median of the errors (N, ...) of each cell, shape (cells, ...)."""
-    return np.array([np.nanmedian(errors[cell == one], axis=0) for one in np.unique(cell)])
