@@ -95,7 +95,7 @@ class Measurement(Chain[Session]):
 
     # What was filmed.
 
-    @product(reads=("view.name", "view.video", "view.images", "view.fps"))
+    @product(reads=("view.name", "view.video", "view.images", "view.fps", "view.capture_fps"))
     def recordings(self, session: Session) -> dict[str, Video]:
         """The recordings of all views by name, open."""
         return open_views(session)
