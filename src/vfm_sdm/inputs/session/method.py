@@ -134,8 +134,8 @@ class Method(Entry):
     correspondence: Annotated[str, _named("matchers")] = "registration"
     """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
     VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
-    matching: Annotated[str, _named("features")] = "auto"
-    """Who matches features of first frames for cameras; a trained network where one is here, else SIFT."""
+    matching: Annotated[str, _named("features")] = "sift"
+    """Who matches features of first frames for cameras; ``auto``: a trained network where one is here, else SIFT."""
     network: Network = Network()
     sfm: Sfm = Sfm()
 
