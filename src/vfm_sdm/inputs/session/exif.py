@@ -38,8 +38,10 @@ def lens_from_exif(image_path: Path | str) -> Lens | None:
     Notes
     -----
     ``FocalLengthIn35mmFilm`` is read as the focal length that gives the same diagonal angle of view on 36 x 24 mm
-    film. Else the focal length is ``FocalLength`` times ``FocalPlaneXResolution``. Video is often cropped from the
-    sensor's area, which EXIF data of a photograph cannot show: a lens and sensor width from the data sheet are better.
+    film. Else the focal length is ``FocalLength`` times ``FocalPlaneXResolution``. The sensor's width is that along the
+    picture's longer side, however the picture lies in its file: upright photographs are stored lying, with an
+    orientation, or turned by a program. Video is often cropped from the sensor's area, which EXIF data of a photograph
+    cannot show: a lens and sensor width from the data sheet are better.
     """
     path = Path(image_path)
     try:
@@ -52,7 +54,7 @@ def lens_from_exif(image_path: Path | str) -> Lens | None:
         raise SessionError(f"{path}: expected a photograph, got no readable image; pass a JPEG or TIFF") from error
     film_mm = _positive(tags.get(Base.FocalLengthIn35mmFilm))
     if film_mm is not None:
-        sensor_width_mm = _FILM_DIAGONAL_MM * width / hypot(width, height)
+        sensor_width_mm = _FILM_DIAGONAL_MM * max(width, height) / hypot(width, height)
         return Lens(focal_mm=film_mm, sensor_width_mm=sensor_width_mm, relative_std=_RELATIVE_STD)
     focal_mm = _positive(tags.get(Base.FocalLength))
     resolution = _positive(tags.get(Base.FocalPlaneXResolution))
@@ -60,8 +62,9 @@ def lens_from_exif(image_path: Path | str) -> Lens | None:
     if focal_mm is None or resolution is None or unit_mm is None:
         return None
     # The resolution counts pixels of the picture as taken, of which this file may be a smaller copy.
-    taken_width = _positive(tags.get(Base.ExifImageWidth)) or width
-    focal_px = focal_mm / unit_mm * resolution * width / taken_width
+    taken = [_positive(tags.get(tag)) for tag in (Base.ExifImageWidth, Base.ExifImageHeight)]
+    copied = max(width, height) / max((side for side in taken if side is not None), default=max(width, height))
+    focal_px = focal_mm / unit_mm * resolution * copied
     return Lens(focal_px=focal_px, relative_std=_RELATIVE_STD)
 
 

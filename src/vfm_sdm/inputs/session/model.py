@@ -26,7 +26,7 @@ from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
-from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive, Readings, Site
+from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive, Readings, Site, not_below
 
 __all__ = ["Chessboard", "Lens", "Point", "Sensor", "Session", "View"]
 
@@ -38,7 +38,7 @@ _ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
 _Pixel = tuple[_Coordinate, _Coordinate]
-_Millimetres = Annotated[float, Strict(), Field(gt=0, ge=1e-2, le=1e5)]
+_Millimetres = Annotated[float, Strict(), Field(gt=0, le=1e5), not_below(1e-2)]
 
 
 def _instant(value: object) -> object:
@@ -54,14 +54,15 @@ _Start = Annotated[AwareDatetime, BeforeValidator(_instant)]
 class Lens(Entry):
     """What is known of the focal length before looking at the images.
 
-    Either ``focal_mm`` and ``sensor_width_mm`` (the true focal length, and the width of the sensor area that is
-    recorded), or ``focal_px``. ``relative_std`` is the relative standard deviation of the focal length [1].
+    Either ``focal_mm`` and ``sensor_width_mm`` (the true focal length, and the longer side of the sensor area that is
+    recorded), or ``focal_px``, in pixels along that side. ``relative_std`` is the relative standard deviation of the
+    focal length [1].
     """
 
     focal_mm: _Millimetres | None = None
     sensor_width_mm: _Millimetres | None = None
-    focal_px: Annotated[float, Strict(), Field(gt=0, ge=1, le=1e7)] | None = None
-    relative_std: Annotated[float, Strict(), Field(gt=0, ge=1e-7, le=10)] = 0.02
+    focal_px: Annotated[float, Strict(), Field(gt=0, le=1e7), not_below(1)] | None = None
+    relative_std: Annotated[float, Strict(), Field(gt=0, le=10), not_below(1e-7)] = 0.02
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -78,7 +79,7 @@ class Lens(Entry):
         Parameters
         ----------
         image_width
-            Number of pixels along the sensor's width [px]; of a rotated video, the width before the rotation.
+            Number of pixels along the sensor's longer side [px]; of a turned video, that before it was turned.
 
         Raises
         ------
@@ -102,6 +103,8 @@ class View(Readings):
     images: Name | None = None
     fps: Positive | None = None
     """Frames a second of an image sequence [Hz]."""
+    capture_fps: Positive | None = None
+    """Frames a second that the camera took, where a video is stored at another rate: slow motion, time lapse [Hz]."""
     lens: Lens | None = None
     camera: _PathField | None = None
     """File with the known camera, own TOML or OpenCV YAML."""
@@ -121,7 +124,12 @@ class View(Readings):
         if self.images is not None and self.fps is None:
             raise ValueError("fps: expected frames a second for images, got nothing; add fps = 30.0 or what is true")
         if self.video is not None and self.fps is not None:
-            raise ValueError("fps: expected none beside a video, whose own time stamps are used; remove fps")
+            raise ValueError(
+                "fps: expected none beside a video, whose own time stamps are used; remove fps, or state capture_fps "
+                "for slow motion"
+            )
+        if self.images is not None and self.capture_fps is not None:
+            raise ValueError("capture_fps: expected none beside images, whose fps is their rate; set fps to it")
         return self
 
 

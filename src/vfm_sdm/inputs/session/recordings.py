@@ -15,7 +15,7 @@ from vfm_sdm.inputs.session.model import Session
 from vfm_sdm.inputs.video import RgbArray, Video, open_images, open_video
 from vfm_sdm.inputs.video.images import find_images
 
-__all__ = ["FirstFrames", "input_files", "open_views", "quiet_frames"]
+__all__ = ["FirstFrames", "input_files", "open_views", "pixel_aspect", "quiet_frames"]
 
 
 _OPENING = 16
@@ -39,7 +39,7 @@ def open_views(session: Session) -> dict[str, Video]:
     videos = {}
     for view in session.view:
         if view.video is not None:
-            videos[view.name] = open_video(session.resolve(view.video))
+            videos[view.name] = open_video(session.resolve(view.video), capture_fps=view.capture_fps)
         else:
             videos[view.name] = open_images(session.resolve_pattern(str(view.images)), float(view.fps or 0.0))
     return videos
@@ -72,6 +72,11 @@ class FirstFrames(Mapping[str, LumaArray]):
     def __len__(self) -> int:
         return len(self._luma)
 
+    @property
+    def pixel_aspects(self) -> dict[str, float]:
+        """Width of a pixel over its height [1], by view."""
+        return {view: video.info.pixel_aspect for view, video in self._videos.items()}
+
     @cached_property
     def colors(self) -> dict[str, RgbArray]:
         """The same in colour, shape (height, width, 3), by view."""
@@ -96,6 +101,19 @@ def quiet_frames(frames: Mapping[str, LumaArray]) -> Mapping[str, LumaArray]:
         First frame of every view by name, shape (H, W) each; a `FirstFrames` has the recordings.
     """
     return frames.quiet if isinstance(frames, FirstFrames) else frames
+
+
+def pixel_aspect(frames: Mapping[str, LumaArray], view: str) -> float:
+    """Width of a view's pixels over their height [1]; 1 where nobody says otherwise.
+
+    Parameters
+    ----------
+    frames
+        First frame of every view by name, shape (H, W) each; a `FirstFrames` has the recordings.
+    view
+        Name of the view.
+    """
+    return frames.pixel_aspects[view] if isinstance(frames, FirstFrames) else 1.0
 
 
 def _average_opening(video: Video) -> LumaArray:

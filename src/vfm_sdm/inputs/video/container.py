@@ -17,6 +17,7 @@ from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.color import convert_part
 from vfm_sdm.inputs.video.decoder import open_stream, read_pictures
 from vfm_sdm.inputs.video.luma import luma_bits, luma_plane
+from vfm_sdm.inputs.video.marks import read_capture_clock, read_pixel_aspect
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, VideoInfo
 
 __all__ = ["ContainerSource"]
@@ -24,6 +25,10 @@ __all__ = ["ContainerSource"]
 # Display matrix (a, b, c, d) of ISO/IEC 14496-12, x' = a x + c y and y' = b x + d y, and the clockwise turn it makes.
 _CLOCKWISE_DEG = {(1, 0, 0, 1): 0, (0, 1, -1, 0): 90, (-1, 0, 0, -1): 180, (0, -1, 1, 0): 270}
 _FIXED_POINT = 65536
+_INTERLACED = (
+    "interlaced: every picture holds two fields of different times, and motion comes out late and too small; film "
+    "progressively, or make a picture of each field (bwdif)"
+)
 _STRIDE = 7  # a prime: how many frames are decoded after a jump differs from jump to jump
 
 
@@ -34,6 +39,8 @@ class ContainerSource:
     ----------
     path
         The file: mp4, mov, mkv, or another container whose stream has time stamps.
+    capture_fps
+        Rate at which the camera took the frames, where it is stated [1/s]; see `vfm_sdm.inputs.video.marks`.
 
     Raises
     ------
@@ -41,9 +48,9 @@ class ContainerSource:
         The file is missing or empty, is not a video, or not one frame of it can be decoded and placed in time.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, capture_fps: float | None = None) -> None:
         self._path = path
-        self._base, self.info = self._probe()
+        self._base, self._tick, self.info = self._probe(capture_fps)
 
     def stream(self) -> Generator[Frame]:
         """A fresh pass over the frames, in order, numbered from 0.
@@ -58,7 +65,7 @@ class ContainerSource:
         last = 0
         # np.rot90 turns anticlockwise; it is a view, and so keeps the picture's memory alive.
         turns = -self.info.rotation_deg // 90
-        seconds, ticks = self._base.as_integer_ratio()
+        seconds, ticks = self._tick.as_integer_ratio()
         with closing(read_pictures(self._path)) as pictures:
             for index, picture in enumerate(pictures):
                 self._check_size(picture)
@@ -88,7 +95,7 @@ class ContainerSource:
         A jump lands on the key frame before its time. Where key frames are rare, several times share one; they then
         end a different number of frames behind it.
         """
-        duration_s = self.info.duration_s or 0.0
+        duration_s = (self.info.duration_s or 0.0) / self.info.time_scale
         turns = -self.info.rotation_deg // 90
         first, last = None, -1
         with open_stream(self._path) as (container, video):
@@ -107,13 +114,13 @@ class ContainerSource:
                     raise DecodeStop(RecordingStatus.CORRUPT, f"damaged data ({error.strerror})") from error
                 self._check_size(picture)
                 first = start if first is None else first
-                index = round(((picture.pts or first) - first) * self._base * Fraction(self.info.fps))
+                index = round(((picture.pts or first) - first) * self._tick * Fraction(self.info.fps))
                 if index > last:
                     last = index
                     luma = luma_plane(picture)
                     yield Frame(
                         index,
-                        float(((picture.pts or first) - first) * self._base),
+                        float(((picture.pts or first) - first) * self._tick),
                         np.rot90(luma, turns) if turns else luma,
                         partial(convert_part, picture, rotation_deg=self.info.rotation_deg),
                     )
@@ -127,7 +134,8 @@ class ContainerSource:
                 f"{width} x {height} {picture.format.name}; cut the file where the camera changed its settings",
             )
 
-    def _probe(self) -> tuple[Fraction, VideoInfo]:
+    def _probe(self, capture_fps: float | None) -> tuple[Fraction, Fraction, VideoInfo]:
+        """Unit of the stamps [s], the time that goes by in it [s], and what the container says."""
         picture: av.VideoFrame | None = None
         why = "the stream is empty; record it again"
         with open_stream(self._path) as (container, video), closing(read_pictures(self._path)) as pictures:
@@ -140,17 +148,31 @@ class ContainerSource:
             rotation_deg = _rotation_deg(picture, self._path)
             width, height = _turned_size(picture, rotation_deg)
             rate = video.average_rate or video.guessed_rate
-            return video.time_base or Fraction(1), VideoInfo(
-                source=str(self._path),
-                width=width,
-                height=height,
-                fps=float(rate) if rate else math.nan,
-                frame_count=video.frames or None,
-                duration_s=_duration_s(container, video),
-                codec=video.codec_context.name,
-                pixel_format=picture.format.name,
-                bit_depth=luma_bits(picture.format.name),
-                rotation_deg=rotation_deg,
+            base = video.time_base or Fraction(1)
+            clock = read_capture_clock(
+                rate, {**container.metadata, **video.metadata}, capture_fps=capture_fps, time_base=base
+            )
+            aspect, said = read_pixel_aspect(video.sample_aspect_ratio, rotation_deg)
+            duration_s = _duration_s(container, video)
+            return (
+                base,
+                base * clock.scale,
+                VideoInfo(
+                    source=str(self._path),
+                    width=width,
+                    height=height,
+                    fps=float(rate / clock.scale) if rate else math.nan,
+                    frame_count=video.frames or None,
+                    duration_s=None if duration_s is None else duration_s * float(clock.scale),
+                    codec=video.codec_context.name,
+                    pixel_format=picture.format.name,
+                    bit_depth=luma_bits(picture.format.name),
+                    rotation_deg=rotation_deg,
+                    pixel_aspect=aspect,
+                    time_scale=float(clock.scale),
+                    remarks=said + clock.remarks,
+                    doubts=clock.doubts + (_INTERLACED,) * picture.interlaced_frame,
+                ),
             )
 
 

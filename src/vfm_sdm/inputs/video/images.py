@@ -13,6 +13,7 @@ import numpy.typing as npt
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.numbering import read_numbering
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, RgbArray, VideoInfo
 from vfm_sdm.inputs.video.region import Region
 
@@ -29,7 +30,7 @@ ImageArray = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
 class ImageSource:
-    """Images of one size, a constant time apart.
+    """Images of one size, a constant time apart; a missing number is a gap in time.
 
     Parameters
     ----------
@@ -45,7 +46,8 @@ class ImageSource:
     """
 
     def __init__(self, pattern: str, fps: float) -> None:
-        self._files = find_images(pattern)
+        sequence = read_numbering(find_images(pattern))
+        self._files, self._ticks = sequence.files, sequence.ticks.tolist()
         self._fps = fps
         first = self._files[0]
         try:
@@ -60,11 +62,12 @@ class ImageSource:
             height=rows,
             fps=fps,
             frame_count=len(self._files),
-            duration_s=len(self._files) / fps,
+            duration_s=(self._ticks[-1] + 1) / fps,
             codec=first.suffix.lower().lstrip("."),
             pixel_format=_FORMATS[image.dtype.str[1:], image.ndim],
             bit_depth=8 * image.dtype.itemsize,
             rotation_deg=0,
+            remarks=sequence.remarks,
         )
 
     def stream(self) -> Generator[Frame]:
@@ -78,7 +81,7 @@ class ImageSource:
             An image has another size or bit depth than the first.
         """
         expected = (self.info.height, self.info.width, self.info.bit_depth)
-        for index, path in enumerate(self._files):
+        for index, (path, tick) in enumerate(zip(self._files, self._ticks, strict=True)):
             image, in_color = _read_image(path)
             found = (*image.shape[:2], 8 * image.dtype.itemsize)
             if found != expected:
@@ -88,7 +91,7 @@ class ImageSource:
                 )
             luma = image if image.ndim == 2 else cast("LumaArray", cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
             luma.flags.writeable = False
-            yield Frame(index, index / self._fps, luma, partial(_convert_part, in_color))
+            yield Frame(index, tick / self._fps, luma, partial(_convert_part, in_color))
 
 
 def find_images(pattern: str) -> list[Path]:
@@ -119,7 +122,8 @@ def find_images(pattern: str) -> list[Path]:
     while parts and (folder / parts[0]).exists():
         folder, parts = folder / parts[0], parts[1:]
     matches = folder.glob(str(Path(*parts))) if parts else [folder]
-    files = sorted((path for path in matches if path.is_file()), key=_natural_key)
+    # Hidden files are an operating system's, not a camera's ("._0001.jpg").
+    files = sorted((path for path in matches if path.is_file() and path.name[0] != "."), key=_natural_key)
     if not files:
         raise VideoError(
             f"{pattern}: expected image files, got no match; check the folder and the pattern (left/*.jpg)"

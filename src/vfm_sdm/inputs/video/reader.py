@@ -232,21 +232,31 @@ class _Tally:
         return DecodeReport(self.frames, self._duplicated, dropped, status, "; ".join(words))
 
 
-def open_video(path: str | Path) -> Video:
+def open_video(path: str | Path, *, capture_fps: float | None = None) -> Video:
     """The video in a file: H.264, HEVC or whatever else FFmpeg decodes, in mp4, mov, mkv and the like.
 
     Parameters
     ----------
     path
         The file. Its first frame is decoded here, to know that it can be used.
+    capture_fps
+        Frames a second that the camera took, where the file is stored at another rate; what the file's metadata say
+        when left out [1/s].
 
     Raises
     ------
+    DatasetError
+        ``capture_fps`` is not positive.
     VideoError
         The file is missing or empty, is not a video, holds no decodable frame, has no time stamps, or is to be shown
         mirrored or at an angle other than 0, 90, 180 or 270 degrees.
     """
-    return Video(ContainerSource(Path(path)))
+    if capture_fps is not None and not (math.isfinite(capture_fps) and capture_fps > 0):
+        raise DatasetError(
+            f"capture_fps: expected a positive number of frames a second, got {capture_fps}; leave it out where the "
+            "file's own time stamps are right"
+        )
+    return Video(ContainerSource(Path(path), capture_fps=capture_fps))
 
 
 def open_images(pattern: str | Path, fps: float) -> Video:

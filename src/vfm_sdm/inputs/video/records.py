@@ -44,6 +44,15 @@ class VideoInfo:
 
     0 for images, whose EXIF orientation is applied while they are read.
     """
+    pixel_aspect: float = 1.0
+    """Width of a pixel over its height, both after rotation [1]; what the container says of how it is to be shown."""
+    time_scale: float = 1.0
+    """Seconds that went by while the camera filmed, in one second of the container's stamps [1]: 1/4 for slow motion
+    that was taken at 120 and is stored at 30 frames a second. `Frame.time_s`, `fps` and `duration_s` are true time."""
+    remarks: tuple[str, ...] = ()
+    """Sentences on what is unusual about the recording and was allowed for."""
+    doubts: tuple[str, ...] = ()
+    """Sentences on what may be wrong with it and cannot be mended."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,7 +62,7 @@ class Frame:
     index: int
     """Position among the frames that the pass yielded, from 0."""
     time_s: float
-    """Time from the view's first frame [s], from the container's time stamps."""
+    """Time from the view's first frame [s], from the container's time stamps, as it went by while the camera filmed."""
     luma: LumaArray
     """Brightness, shape (height, width), read-only; valid as long as it is referenced.
 
@@ -102,7 +111,7 @@ class DecodeReport:
     duplicated: int
     """Frames whose luma equals that of the frame before."""
     dropped: int
-    """Frames missing in the time stamps (see `vfm_sdm.inputs.video.clock`); always 0 for images, which carry none."""
+    """Frames missing in the time stamps (see `vfm_sdm.inputs.video.clock`), or in the numbers of images."""
     status: RecordingStatus
     message: str
 

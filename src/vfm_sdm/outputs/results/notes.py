@@ -58,6 +58,7 @@ def recording_notes(tracks: Mapping[str, xr.Dataset]) -> list[str]:
                 "2 % too small; it is corrected where injected motion shows by how much, else stated "
                 "(docs/decisions/008-compression.md)"
             )
+        notes += [f"view {view!r}: {said}" for said in (*record.get("remarks", ()), *record.get("doubts", ()))]
         for what in ("dropped", "duplicated"):
             if record.get(what, 0):
                 notes.append(f"view {view!r}: {record[what]} {what} frames of {record['frames']}")

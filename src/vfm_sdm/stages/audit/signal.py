@@ -21,7 +21,8 @@ _SHIFTS_PX = ((0.11, -0.07), (0.23, 0.19), (-0.31, 0.37), (0.5, -0.5), (-0.43, 0
 """Injected shifts [px]: small, as the motion of structures is, and spread over the fractions of a pixel, where
 interpolation errs."""
 _MARGIN_PX = 12
-_FINE = 16
+_FINE_LEVELS = 16
+"""Grey levels of the shifted picture in one of the recording, as many as fit into 16 bits: rounding must not matter."""
 _GAIN = "gain of injected shifts"
 _GAIN_CAUTION, _GAIN_FAIL = 0.02, 0.1
 _DROPPED_CAUTION, _DROPPED_FAIL = 1e-9, 0.1
@@ -141,6 +142,8 @@ def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
     name = "refinement"
     if inputs.session.method.refinement == "none":
         return None
+    if "refinement_status" not in inputs.displacement:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), 0.0, "1", "it takes a second view to refine")
     refused = {
         str(point): status
         for point, status in zip(
@@ -199,12 +202,13 @@ def _measure_gain(image: LumaArray, place: tuple[float, float], design: SubsetDe
     center = np.array([[half + place[0] - u, half + place[1] - v]])
     grey, rng = patch.astype(np.float64), np.random.default_rng(0)
     noise = _estimate_noise(grey)
+    # Of a recording of 16 bits rounding does not matter anyway.
+    fine = min(_FINE_LEVELS, max(np.iinfo(np.uint16).max // max(int(patch.max()), 1), 1))
     injected, found = [], []
     for du, dv in _SHIFTS_PX:
         moved = shift_image(grey, (dv, du), order=5, mode="reflect") + rng.normal(0, noise, grey.shape)
-        # In 16 bit, so that rounding does not matter, whatever the recording has.
-        as_filmed = np.clip(np.rint(_FINE * moved), 0, np.iinfo(np.uint16).max).astype(np.uint16)
-        bank = SubsetBank.prepare(_FINE * patch.astype(np.uint16), center, designs=[design])
+        as_filmed = np.clip(np.rint(fine * moved), 0, np.iinfo(np.uint16).max).astype(np.uint16)
+        bank = SubsetBank.prepare(fine * patch.astype(np.uint16), center, designs=[design])
         result = bank.register(as_filmed, center)
         if result.converged[0]:
             injected.append((du, dv))

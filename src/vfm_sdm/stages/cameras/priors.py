@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from glob import glob
 
 import numpy as np
 
@@ -10,7 +9,8 @@ from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.inputs.session import Session, View, lens_from_exif
+from vfm_sdm.inputs.session import Session, View, lens_from_exif, pixel_aspect
+from vfm_sdm.inputs.video.images import find_images
 from vfm_sdm.stages.cameras.file import read_camera
 
 __all__ = ["CameraPriors", "read_priors"]
@@ -157,7 +157,7 @@ def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator:
     session
         Lens priors, camera files and the baseline.
     frames
-        First frame of every view, shape (H, W); only names and sizes [px] are used.
+        First frame of every view, shape (H, W); only names, sizes [px] and the shape of the pixels are used.
     estimator
         Name of the estimator that asks; messages begin with it.
 
@@ -172,13 +172,18 @@ def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator:
     if baseline is None:
         raise CameraError(f"{estimator}: expected site.baseline, got none; measure the distance between the cameras")
     views = {view.name: view for view in session.view}
-    found = [_read_prior(session, views[name], (luma.shape[1], luma.shape[0])) for name, luma in frames.items()]
+    found = [
+        _read_prior(session, views[name], (luma.shape[1], luma.shape[0]), pixel_aspect(frames, name))
+        for name, luma in frames.items()
+    ]
     cameras, stds, notes = zip(*found, strict=True)
     return CameraPriors(tuple(frames), cameras, np.array(stds), baseline.value, tuple(note for note in notes if note))
 
 
-def _read_prior(session: Session, view: View, image_size: tuple[int, int]) -> tuple[Camera, list[float], str]:
-    """One camera, the std of its intrinsics, and a note or an empty one."""
+def _read_prior(
+    session: Session, view: View, image_size: tuple[int, int], aspect: float
+) -> tuple[Camera, list[float], str]:
+    """One camera, the std of its intrinsics, and a note or an empty one; ``aspect`` is a pixel's width over height."""
     width, height = image_size
     diagonal = float(np.hypot(width, height))
     if view.camera is not None:
@@ -193,16 +198,19 @@ def _read_prior(session: Session, view: View, image_size: tuple[int, int]) -> tu
         return replace(known, cam_from_world=np.eye(3, 4)), std, ""
     lens, note = view.lens, ""
     if lens is None and view.images is not None:
-        first_image = min(glob(session.resolve_pattern(view.images)), default=None)
-        lens = lens_from_exif(first_image) if first_image else None
+        lens = lens_from_exif(find_images(session.resolve_pattern(view.images))[0])
         note = f"view {view.name!r}: focal length from EXIF, known to 5 %" if lens is not None else ""
+    lying = width * aspect >= height
+    along = width if lying else height
     if lens is None:
-        focal, relative_std = _UNKNOWN_FOCAL * max(width, height), _UNKNOWN_FOCAL_STD
+        focal, relative_std = _UNKNOWN_FOCAL * along, _UNKNOWN_FOCAL_STD
         note = f"view {view.name!r}: nothing known of the lens; state `lens` in the session"
     else:
-        focal, relative_std = lens.focal_prior_px(max(image_size)), lens.relative_std
-    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
-    corner = diagonal / 2 / focal
+        focal, relative_std = lens.focal_prior_px(along), lens.relative_std
+    # The lens states the focal length along the longer side; one length is fewer pixels where these are wider.
+    fx, fy = (focal, focal * aspect) if lying else (focal / aspect, focal)
+    K = np.array([[fx, 0, (width - 1) / 2], [0, fy, (height - 1) / 2], [0, 0, 1.0]])
+    corner = float(np.hypot(width / fx, height / fy)) / 2
     centre_std = _PRINCIPAL_POINT_STD * diagonal
     std = [relative_std, centre_std, centre_std, _CORNER_DISTORTION_STD / corner**2]
     return Camera(K, image_size), std, note

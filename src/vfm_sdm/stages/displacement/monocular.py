@@ -41,7 +41,10 @@ def measure_planar(session: Session, tracks: xr.Dataset) -> xr.Dataset:
         The tracks are malformed, or the length's ends coincide.
     """
     length = session.site.length[0]
-    ends = [np.array(p.pixel) for name in length.points for p in session.point if p.name == name]
+    # Pixels as high as they are wide: lengths across and along the picture count alike.
+    square = np.array([float(tracks.attrs.get("pixel_aspect", 1.0)), 1.0])
+    tracks = _stretch(tracks, square)
+    ends = [square * p.pixel for name in length.points for p in session.point if p.name == name]
     factor = scale_factor(ends[0], ends[1], length.value * 1e3)
     picked = _NAMED_PIXEL_STD * np.sqrt(2) / np.linalg.norm(ends[0] - ends[1])
     return compute_planar_displacement(
@@ -50,6 +53,24 @@ def measure_planar(session: Session, tracks: xr.Dataset) -> xr.Dataset:
         scale_std=float(np.hypot(length.std / length.value, picked)),
         still_interval_s=session.method.still_interval_s,
     )
+
+
+def _stretch(tracks: xr.Dataset, square: FloatArray) -> xr.Dataset:
+    """Tracks in units of a pixel's height, from pixels that are ``square[0]`` times as wide as high."""
+    if square[0] == 1:
+        return tracks
+    position, covariance = tracks["position"], tracks["position_covariance"]
+    changed = {
+        "position": position.copy(data=position.values * square),
+        "position_covariance": covariance.copy(data=covariance.values * np.outer(square, square)),
+    }
+    if "edge_across" in tracks:
+        # A line keeps its points: its normal is stretched the other way.
+        across = tracks["edge_across"].values / square
+        changed["edge_across"] = tracks["edge_across"].copy(
+            data=across / np.linalg.norm(across, axis=-1, keepdims=True)
+        )
+    return tracks.assign(changed)
 
 
 def compute_planar_displacement(

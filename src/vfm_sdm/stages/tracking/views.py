@@ -70,8 +70,15 @@ def track_views(
         if chosen:
             found = found.assign(_describe_choices(chosen, [str(name) for name in found["point"].values]))
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
+        found.attrs["pixel_aspect"] = video.info.pixel_aspect
         tracks[view] = include_track_noise(found)
-        tracks[view].attrs["recording"] = {**asdict(video.report), "bits_per_pixel": _bits_per_pixel(video)}
+        tracks[view].attrs["recording"] = {
+            **asdict(video.report),
+            "bits_per_pixel": _bits_per_pixel(video),
+            "time_scale": video.info.time_scale,
+            "remarks": list(video.info.remarks),
+            "doubts": list(video.info.doubts),
+        }
     return tracks
 
 
