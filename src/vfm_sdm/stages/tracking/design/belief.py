@@ -22,9 +22,9 @@ DISTINCT_PX = 0.1
 """Two motions that differ by less (rms over frames, both directions) are one: rotation and noise make as much [px]."""
 SURE = 4.0
 """Standard deviations by which the vote of an area must leave one motion before it counts for the other."""
-_VOTE_NOISE = 1 / (0.2 * 4 * np.pi * _AREA_PX**2)
-"""Variance of an area's vote for unit variance of a softened pixel and unit mean square change: the noise of a frame,
-the pixels of the area, and the fifth of white noise that softening keeps."""
+_VOTE_NOISE = 2 / (0.2 * 4 * np.pi * _AREA_PX**2)
+"""Variance of an area's vote for unit variance of a softened pixel and unit mean square change: two noises, the pixels
+of the area, and the fifth of white noise that softening keeps."""
 _LEAST_AREA_PX = 30
 _LAYER_PX = 400
 """Area on which a motion other than standing still must be seen: a codec moves blocks of 16 px by themselves [px]."""
@@ -151,9 +151,7 @@ def is_distinct(first: FloatArray, second: FloatArray) -> bool:
     first, second
         Motions in the sample frames, shape (K, 2) [px].
     """
-    apart = first - second
-    common = apart.sum(axis=0) / (len(apart) + 1)
-    return bool(np.sqrt(np.mean(np.sum((apart - common) ** 2, axis=1))) > DISTINCT_PX)
+    return bool(np.sqrt(np.mean(np.sum((first - second) ** 2, axis=1))) > DISTINCT_PX)
 
 
 def _is_sure(difference: FloatArray, covariance: FloatArray) -> bool:
@@ -216,31 +214,22 @@ def _vote(window: Window, motion: FloatArray, others: list[FloatArray], noise: I
     for other in others:
         if not is_distinct(motion, other):
             continue
-        share, std = _weigh(window, smooth, (motion, other), noise)
+        agree, spread = np.zeros_like(noise), np.zeros_like(noise)
+        for frame in range(window.count):
+            with_point = _quick(window.moved(frame, motion[frame], images=smooth) - smooth[0])
+            with_other = _quick(window.moved(frame, other[frame], images=smooth) - smooth[0])
+            change = with_point - with_other
+            agree -= change * with_other
+            spread += change * change
+        agree, spread = soften(agree, _AREA_PX), np.maximum(soften(spread, _AREA_PX), 1e-6)
+        share = agree / spread
+        std = np.sqrt(noise * _VOTE_NOISE / spread)
         otherwise = _without_specks((share < 0.5) & (1 - share > SURE * std))
         if other.any() and np.count_nonzero(otherwise) < _LAYER_PX:
             continue
         against |= otherwise
         supporting &= (share > 0.6) & (share > SURE * std)
     return against, supporting
-
-
-def _weigh(window: Window, smooth: Image, motions: tuple[FloatArray, FloatArray], noise: Image) -> tuple[Image, Image]:
-    """Share that the first of two motions has in every area, and its standard deviation, (R, R) each [1].
-
-    What the reference frame has of its own, noise and light, is in every difference from it: pixels vote with what
-    changes over all frames. A gain is left in: texture that moves by its own size differs from itself as much as
-    texture that fades, and what moves is to be seen.
-    """
-    first, second = (
-        np.stack([_quick(window.moved(k, one[k], images=smooth) - smooth[0]) for k in range(window.count)])
-        for one in motions
-    )
-    first, second = (one - one.sum(axis=0) / (window.count + 1) for one in (first, second))
-    change = first - second
-    agree = soften(np.sum(-change * second, axis=0), _AREA_PX)
-    spread = np.maximum(soften(np.sum(change * change, axis=0), _AREA_PX), 1e-6)
-    return np.asarray(agree / spread, np.float32), np.asarray(np.sqrt(noise * _VOTE_NOISE / spread), np.float32)
 
 
 def _find_believed(against: BoolArray, supporting: BoolArray) -> BoolArray:

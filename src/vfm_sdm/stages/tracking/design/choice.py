@@ -13,7 +13,7 @@ from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
 from vfm_sdm.stages.tracking.design.coarse import coarse_motion
 from vfm_sdm.stages.tracking.design.information import find_false_corners, square_std, std_around
 from vfm_sdm.stages.tracking.design.trial import Trial
-from vfm_sdm.stages.tracking.design.window import Window
+from vfm_sdm.stages.tracking.design.window import SLOW_PX, Window
 
 __all__ = ["MARGIN_PX", "SIZES_PX", "USABLE_STD_PX", "SubsetChoice", "choose_subset"]
 
@@ -119,27 +119,35 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
     clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
     ways, believed = [directions[0]], _cut_mask(belief.believed, size)
     if std[1] <= _SEEN * USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
-        tried = _try_shadings(partial(_try_warps, trial, size, clean))
+        tried = _try_shadings(partial(_try_warps, trial, size, clean), clean)
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
             if std[1] <= USABLE_STD_PX and values[1] <= _USUAL_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
             ways.append(axes[:, 0])
-    edges = [_try_shadings(partial(_try_edge, trial, size, way, believed)) for way in ways]
+    edges = [_try_shadings(partial(_try_edge, trial, size, way, believed), believed) for way in ways]
     tried = _prefer(edges, _WORTH)
     if tried is None or tried[1][0, 0] > USABLE_STD_PX**2 or tried[0].across is None:
         return refused
     return _accept(refused, tried[0], np.array([np.sqrt(tried[1][0, 0]), np.inf]), tried[0].across)
 
 
-def _try_shadings(attempt: Callable[[int], _Tried | None]) -> _Tried | None:
+def _try_shadings(attempt: Callable[[int], _Tried | None], mask: BoolArray) -> _Tried | None:
     """The attempt with the least shading of those than which none is well more certain; ``None`` where none converges.
 
     Light that moves, such as the shadows of leaves, is in the residuals and pulls at the subset; a surface that may
-    come and go takes it away, and texture of that size with it.
+    come and go takes it away, and texture of that size with it. Over a narrow part of a square the same degree bends as
+    often on a shorter way: each bend must be as slow as light, two standard deviations of what tells it from texture.
     """
-    return _prefer([attempt(shading) for shading in _SHADINGS], _LIT)
+    bends = _narrowest(mask) / (2 * SLOW_PX)
+    return _prefer([attempt(shading) for shading in _SHADINGS if shading - 1 <= bends], _LIT)
+
+
+def _narrowest(mask: BoolArray) -> float:
+    """Width of the believed pixels in their narrowest direction [px]: that of a strip with the same variance."""
+    variance = np.linalg.eigvalsh(np.cov(np.nonzero(mask)))[0]
+    return float(np.sqrt(12 * max(variance, 0.0)))
 
 
 def _prefer(attempts: Sequence[_Tried | None], share: float) -> _Tried | None:

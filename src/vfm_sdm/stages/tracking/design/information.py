@@ -57,8 +57,7 @@ def square_std(window: Window, belief: Belief, part: BoolArray) -> tuple[FloatAr
     shared = min(np.sqrt(np.mean(one**2)) for one in along) > max(DISTINCT_PX, SURE * std[1])
     nothing_moves = not is_distinct(belief.motion, 0 * belief.motion) and not (belief.against & part).any()
     if not (shared or nothing_moves):
-        unseen = max(float(axes[:, 1] @ told @ axes[:, 1]) for told in (near, belief.covariance))
-        std[1] = max(std[1], float(np.sqrt(unseen)))
+        std[1] = max(std[1], float(np.sqrt(axes[:, 1] @ near @ axes[:, 1])))
     return np.where(std < _UNKNOWN_PX / 2, std, np.inf), axes.T.copy()
 
 

@@ -26,15 +26,12 @@ SLOW_PX = 7.0
 """Standard deviation of the Gaussian that leaves what changes as slowly over an image as light does [px]."""
 _BLOCK_PX = 9
 """Side of the blocks that are held to move as one."""
-_FITTED = 4
-"""What is fitted to a block: two of motion, gain and offset. Softened noise has as many independent pixels in it as
-softening keeps of its variance."""
 _ROUNDING = 1 / 12
 """Variance of rounding to whole grey levels."""
 _CODED = 0.25
 """Least variance that a softened pixel is held to have [squared grey levels]: half a grey level. A codec that repeats
 what it coded once shows less from frame to frame, and what it repeats is noise."""
-_USABLE_PX = 0.1
+_USABLE_PX = 0.3
 """Standard deviation of one frame's motion in a direction above which it is left as it is [px]."""
 _WEAKEST = 0.01
 """Share of the information across an edge below which that along it is made by the edge's own roughness."""
@@ -81,10 +78,9 @@ class Window:
         # Brightness that all of a frame shares is nobody's motion.
         raw -= np.median(raw - raw[0], axis=(1, 2), keepdims=True)
         self.soft = np.stack([soften(frame, SOFT_PX) for frame in raw])
-        self.detail = np.stack([frame - soften(frame, SLOW_PX) for frame in self.soft])
         self.count = len(frames) - 1
         half = np.array([[-0.5, 0.0, 0.5]], np.float32)
-        self.gradient = np.stack([cv2.filter2D(self.detail[0], -1, half), cv2.filter2D(self.detail[0], -1, half.T)])
+        self.gradient = np.stack([cv2.filter2D(self.soft[0], -1, half), cv2.filter2D(self.soft[0], -1, half.T)])
         steps = np.arange(frames.shape[1], dtype=np.float32) - frames.shape[1] // 2
         self.radius2 = steps[:, None] ** 2 + steps[None, :] ** 2
 
@@ -114,8 +110,7 @@ class Window:
             [squared grey levels].
         """
         gu, gv = self.gradient
-        within = _Within(self.soft[0])
-        uu, uv, vv = within.product(gu, gu), within.product(gu, gv), within.product(gv, gv)
+        uu, uv, vv = local_mean(gu * gu), local_mean(gu * gv), local_mean(gv * gv)
         little = np.float32(noise_of_gradients() * _ROUNDING)
         determinant = (uu + little) * (vv + little) - uv * uv
         further = np.zeros((self.count, 2, *gu.shape), np.float32)
@@ -128,13 +123,13 @@ class Window:
                 at = columns + trial[0] + np.float32(motion[frame, 0]), rows + trial[1] + np.float32(motion[frame, 1])
                 sampled = cv2.remap(self.soft[frame + 1], *at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
                 error = sampled - self.soft[0]
-                misfit = within.product(error, error)
+                misfit = local_mean(error * error)
                 better = np.ones(gu.shape, np.bool_) if best is None else misfit < best
                 best = misfit if best is None else np.minimum(misfit, best)
                 further[frame] = np.where(better, trial, further[frame])
                 if iteration == _LOCAL_ITERATIONS - 1:
                     break
-                bu, bv = within.product(gu, error), within.product(gv, error)
+                bu, bv = local_mean(gu * error), local_mean(gv * error)
                 trial = (
                     further[frame]
                     - np.stack([(vv + little) * bu - uv * bv, (uu + little) * bv - uv * bu]) / determinant
@@ -142,8 +137,7 @@ class Window:
                 trial = np.clip(trial, -REACH_PX, REACH_PX).astype(np.float32)
             if best is not None:
                 left += best
-        spent = _FITTED / (_BLOCK_PX**2 * kept_noise())
-        noise = np.maximum(left / (2 * self.count) / (1 - spent), _CODED).astype(np.float32)
+        noise = np.maximum(left / (2 * self.count), _CODED).astype(np.float32)
         return further, noise
 
     def register(self, weights: Image, noise: Image, start: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -170,7 +164,7 @@ class Window:
             return start.copy(), 1e6 * np.eye(2)
         part = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
         weight = (weights[part] / noise[part]).astype(np.float64).ravel()
-        reference = self.detail[0][part].astype(np.float64).ravel()
+        reference = self.soft[0][part].astype(np.float64).ravel()
         gradient = self.gradient[(slice(None), *part)].reshape(2, -1).astype(np.float64)
         total = weight.sum()
         template = reference - weight @ reference / total
@@ -207,7 +201,7 @@ class Window:
         flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
         for _ in range(_ITERATIONS):
             shift = np.column_stack([np.eye(2), motion + corner])
-            sampled = cv2.warpAffine(self.detail[frame + 1], shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+            sampled = cv2.warpAffine(self.soft[frame + 1], shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
             error = sampled.ravel() - reference
             step = -solve @ (error - weight @ error)
             length = float(np.hypot(*step))
@@ -215,27 +209,6 @@ class Window:
             if length < _SMALL_STEP_PX or np.hypot(*(motion - start)) > REACH_PX:
                 break
         return motion
-
-
-class _Within:
-    """Products of images over blocks, without what gain and offset of a block make of its own texture.
-
-    Parameters
-    ----------
-    texture
-        What light may make stronger or weaker, shape (R, R).
-    """
-
-    def __init__(self, texture: Image) -> None:
-        self._texture = texture - local_mean(texture)
-        self._mean = local_mean(self._texture)
-        self._power = local_mean(self._texture**2) - self._mean**2 + np.float32(_CODED)
-
-    def product(self, one: Image, other: Image) -> Image:
-        """Mean of the product of two images, shape (R, R)."""
-        means = local_mean(one), local_mean(other)
-        shares = [local_mean(i * self._texture) - m * self._mean for i, m in zip((one, other), means, strict=True)]
-        return np.asarray(local_mean(one * other) - means[0] * means[1] - shares[0] * shares[1] / self._power)
 
 
 def kept_noise() -> float:
