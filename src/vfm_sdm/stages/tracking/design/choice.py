@@ -1,8 +1,7 @@
 """Size, shape and warp of a point's subset, from what moves with it and what its texture can carry."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
 from vfm_sdm.stages.tracking.design.coarse import coarse_motion
 from vfm_sdm.stages.tracking.design.information import find_false_corners, square_std, std_around
 from vfm_sdm.stages.tracking.design.trial import Trial
-from vfm_sdm.stages.tracking.design.window import SLOW_PX, Window
+from vfm_sdm.stages.tracking.design.window import Window
 
 __all__ = ["MARGIN_PX", "SIZES_PX", "USABLE_STD_PX", "SubsetChoice", "choose_subset"]
 
@@ -21,22 +20,10 @@ SIZES_PX = (41, 61, 81, 101)
 """Sides that are tried where the user names none, from small and clear to large and calm [px]."""
 USABLE_STD_PX = 0.1
 """Standard deviation of one frame up to which a direction is measured [px]; beyond it trackers say ``unreliable``."""
-_USUAL_STD_PX = 0.08
-"""Standard deviation of the middle frame up to which a second direction is: frames differ, and those beyond
-`USABLE_STD_PX` take the first direction with them [px]."""
-_SEEN = 1.5
-"""Times `USABLE_STD_PX` up to which a direction is not without texture: registration then says which of two is best."""
 _GOOD_STD_PX = 0.01
 """A codec's errors alone are as large [px]: nothing is gained by a larger subset (decision record 008)."""
 _WORTH = 0.8
 """A larger subset must lower the standard deviation to this share, as the noise of 1.5 times the pixels does."""
-_SHADINGS = 0, 3, 5
-"""Degrees of the surface of light that may come and go, from none to what shadows as small as a third of a square need:
-a polynomial of degree n bends n - 1 times over it."""
-_LIT = 0.71
-"""Shading must lower the standard deviation to this share, its square to half: light then makes as much of the error as
-all else together. Where it makes less, what a surface takes from the texture, a bias that is in no covariance, is more.
-"""
 _LINEAR_STD = 3e-4
 """Rotation and strain that an ordinary recording makes unseen [1]: the slope of a girder that is bent by 1/10000 of its
 span (pi/10000), as under pedestrians and wind; the limit of serviceability of a footbridge is ten times that."""
@@ -46,9 +33,6 @@ _SIGHT_PX = 30
 """Half a side within which a point's motion is looked for, however small its square [px]."""
 _SAME_PX = 0.005
 """Standard deviations this close are the same: the higher order is then taken, which is wrong about less [px]."""
-
-_Tried = tuple[SubsetDesign, FloatArray]
-"""A design with the covariance that is expected of it [px2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,55 +101,22 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
     if not std[0] <= USABLE_STD_PX or np.count_nonzero(belief.believed & part) < FEWEST_BELIEVED_PX:
         return refused
     clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
-    ways, believed = [directions[0]], _cut_mask(belief.believed, size)
-    if std[1] <= _SEEN * USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
-        tried = _try_shadings(partial(_try_warps, trial, size, clean), clean)
+    if std[1] <= USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
+        tried = _try_warps(trial, size, clean)
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
-            if std[1] <= USABLE_STD_PX and values[1] <= _USUAL_STD_PX**2:
+            if values[1] <= USABLE_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
-            ways.append(axes[:, 0])
-    edges = [_try_shadings(partial(_try_edge, trial, size, way, believed), believed) for way in ways]
-    tried = _prefer(edges, _WORTH)
-    if tried is None or tried[1][0, 0] > USABLE_STD_PX**2 or tried[0].across is None:
-        return refused
-    return _accept(refused, tried[0], np.array([np.sqrt(tried[1][0, 0]), np.inf]), tried[0].across)
-
-
-def _try_shadings(attempt: Callable[[int], _Tried | None], mask: BoolArray) -> _Tried | None:
-    """The attempt with the least shading of those than which none is well more certain; ``None`` where none converges.
-
-    Light that moves, such as the shadows of leaves, is in the residuals and pulls at the subset; a surface that may
-    come and go takes it away, and texture of that size with it. Over a narrow part of a square the same degree bends as
-    often on a shorter way: each bend must be as slow as light, two standard deviations of what tells it from texture.
-    """
-    bends = _narrowest(mask) / (2 * SLOW_PX)
-    return _prefer([attempt(shading) for shading in _SHADINGS if shading - 1 <= bends], _LIT)
-
-
-def _narrowest(mask: BoolArray) -> float:
-    """Width of the believed pixels in their narrowest direction [px]: that of a strip with the same variance."""
-    variance = np.linalg.eigvalsh(np.cov(np.nonzero(mask)))[0]
-    return float(np.sqrt(12 * max(variance, 0.0)))
-
-
-def _prefer(attempts: Sequence[_Tried | None], share: float) -> _Tried | None:
-    """The first attempt, or a later one that lowers the standard deviation to a share; ``None`` where all fail."""
-    best: _Tried | None = None
-    for tried in attempts:
-        if tried is not None and (best is None or np.trace(tried[1]) < share**2 * np.trace(best[1])):
-            best = tried
-    return best
-
-
-def _try_edge(trial: Trial, size: int, across: FloatArray, mask: BoolArray, shading: int) -> _Tried | None:
-    """A subset tracked across an edge and the variance of that, shape (1, 1) [px2]; ``None`` where it fails."""
-    edge = SubsetDesign(size, Warp.EDGE, across, mask, _LINEAR_STD, shading)
+    across = directions[0]
+    edge = SubsetDesign(size, Warp.EDGE, across, _cut_mask(belief.believed, size), _LINEAR_STD)
     stated = trial.covariance(edge)
     if stated is None:
-        return None
-    return edge, np.array([[max(float(across @ stated @ across), float(across @ trial.spread(edge) @ across))]])
+        return refused
+    variance = max(float(across @ stated @ across), float(across @ trial.spread(edge) @ across))
+    if variance > USABLE_STD_PX**2:
+        return refused
+    return _accept(refused, edge, np.array([np.sqrt(variance), np.inf]), across)
 
 
 def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, direction: FloatArray) -> SubsetChoice:
@@ -175,14 +126,14 @@ def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, dir
     return replace(refused, design=design, std_px=std_px, direction=direction, status=PointStatus.OK)
 
 
-def _try_warps(trial: Trial, size: int, mask: BoolArray, shading: int) -> _Tried | None:
+def _try_warps(trial: Trial, size: int, mask: BoolArray) -> tuple[SubsetDesign, FloatArray] | None:
     """The warp with the least expected mean square error, and that error as a covariance (2, 2) [px2].
 
     Of those that are as good, the one of the highest order; ``None`` where none converges.
     """
     omitted = float(np.hypot(_LINEAR_STD, trial.linear_std(size, mask)))
     orders = (Warp.TRANSLATION, omitted), (Warp.SIMILARITY, omitted), (Warp.AFFINE, 0.0)
-    designs = [SubsetDesign(size, warp, None, mask, left_out, shading) for warp, left_out in orders]
+    designs = [SubsetDesign(size, warp, None, mask, left_out) for warp, left_out in orders]
     found = [(design, stated) for design in designs if (stated := trial.covariance(design)) is not None]
     if not found:
         return None
