@@ -27,9 +27,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from vfm_sdm.core.registry import make
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import triangulate
-from vfm_sdm.inputs.session import Session, read_session
+from vfm_sdm.inputs.session import Method, Session, read_session
 from vfm_sdm.inputs.video import open_video
 from vfm_sdm.stages.cameras.file import read_rig
 from vfm_sdm.stages.cameras.site import compare_rigs
@@ -220,14 +221,14 @@ def judge_scale(rig: Rig, truth: Rig) -> tuple[float, float]:
     return scale_of(rig, pixels), float(np.sqrt(slope @ rig.covariance @ slope))
 
 
-def measure(name: str, base: Base, how: str, readings: str) -> Row:
+def measure(name: str, base: Base, how: str, readings: str, cameras: TwoViewCameras) -> Row:
     degrade = DEGRADED[how]
     frames = {
         view: luma if degrade is None else degrade(luma, number)
         for number, (view, luma) in enumerate(base.frames.items())
     }
     start = time.process_time()
-    found = solve_cameras(base.sessions[readings], frames, TwoViewCameras())
+    found = solve_cameras(base.sessions[readings], frames, cameras)
     cpu_s = time.process_time() - start
     if found.rig is None:
         return Row(f"{name}, {how}", readings, "refused", found.status, np.nan, np.nan, np.nan, cpu_s)
@@ -247,16 +248,18 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=1280, help="of rendered pictures [px]")
     parser.add_argument("--only", nargs="+", default=[""], help="beginnings of the names of pairs")
     parser.add_argument("--most", type=int, default=None, help="number of pairs")
+    parser.add_argument("--matching", default="sift", help="who matches features, as in a session")
     options = parser.parse_args()
+    cameras = make("cameras", Method(matching=options.matching))
     pairs = [one for one in list_pairs(options.width) if f"{one[0]}, {one[2]}".startswith(tuple(options.only))]
     print(f"{'pair':30s}  {'readings':8s}  {'verdict':8s}  {'turned [deg]':>12s}  {'scale':>7s}  {'its std':>7s}  "
           f"{'CPU [s]':>7s}  status")  # fmt: skip
-    bases, rows = lru_cache(maxsize=1)(lambda make: make()), []
+    bases, rows = lru_cache(maxsize=1)(lambda made: made()), []
     makes: dict[str, Callable[[], Base]] = {}
-    for name, make, how, readings in pairs[: options.most]:
+    for name, made, how, readings in pairs[: options.most]:
         # One object for each scene, so that its pictures are made once.
-        base = bases(makes.setdefault(name, make))
-        row = measure(name, base, how, readings)
+        base = bases(makes.setdefault(name, made))
+        row = measure(name, base, how, readings, cameras)
         rows.append(row)
         print(f"{row.name:30s}  {row.readings:8s}  {row.verdict:8s}  {row.turn_deg:12.2f}  {row.scale:7.3f}  "
               f"{row.scale_std:7.3f}  {row.cpu_s:7.1f}  {row.status}", flush=True)  # fmt: skip

@@ -66,8 +66,8 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     from vfm_sdm.commands import app as cli
 
     wide = {"width": 10_000, "height": 100, "force_terminal": False, "color_system": None}
-    monkeypatch.setattr(cli, "_out", Console(**wide))
-    monkeypatch.setattr(cli, "_err", Console(stderr=True, **wide))
+    monkeypatch.setattr(cli, "_out", Console(markup=False, **wide))
+    monkeypatch.setattr(cli, "_err", Console(stderr=True, markup=False, **wide))
 
     def run(*words: object) -> tuple[int, str, str]:
         try:

@@ -51,6 +51,10 @@ def as_colors(frames):
 class Pictures(FirstFrames):
     """First frames that are no file: luma (H, W) by view, grey as colours."""
 
+    @property
+    def pixel_aspects(self) -> dict[str, float]:
+        return dict.fromkeys(self._luma, 1.0)
+
     def __init__(self, luma):
         self._luma = dict(luma)
         self.__dict__["colors"] = dict(zip(luma, as_colors(luma), strict=True))

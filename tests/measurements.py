@@ -389,6 +389,7 @@ def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: 
         status=adjusted.status,
         notes=adjusted.notes,
         epipolar_rms_px=adjusted.epipolar_rms_px,
+        suspects=adjusted.suspects,
     )
 
 

@@ -84,8 +84,7 @@ class Measurement(Chain[Session]):
         super().__init__(session, None if folder is None else Path(folder))
         self.progress = progress
         self._session, self._whole_files = session, whole_files
-        self._hashes: dict[Path, str] = {}
-        self._parts: dict[str, Any] = {}
+        self._hashes, self._parts = dict[Path, str](), dict[str, Any]()
         self._choices: dict[tuple[Any, ...], SubsetChoice] = {}
 
     @property
@@ -272,16 +271,17 @@ class Measurement(Chain[Session]):
         needs=("frames", "cameras", "tracks", "steady", "aligned", "unrefined", "displacement"),
     )
     def audit(self, session: Session) -> Audit | None:
-        """Checks and verdict; ``None`` without displacement, or of a single view."""
-        if self.cameras.rig is None or len(session.view) < 2 or self.displacement is None or self.unrefined is None:
+        """Checks and verdict, of a single view as far as it allows; ``None`` without displacement."""
+        if self.displacement is None:
             return None
+        alone = self.displacement if self.unrefined is None else self.unrefined
         inputs = AuditInputs(
             session=session,
             cameras=self.cameras,
             tracks=self.tracks,
             aligned=self.aligned,
             displacement=self.displacement,
-            unrefined=self.unrefined.assign(status=self.displacement["status"]),
+            unrefined=alone.assign(status=self.displacement["status"]),
             camera_motion=self.steady.views,
             frames=self.frames,
         )

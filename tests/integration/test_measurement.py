@@ -444,6 +444,11 @@ class TestSingleView:
         error = displacement["displacement"].values[..., 1] - TRUE_MM[:, None, 1]
         assert np.abs(error).max() < 1.2
         assert displacement["scale_std"].values == pytest.approx(0.012, abs=0.003)
+        checks = {check.name: str(check.outcome) for check in result.audit.checks}
+        assert {checks[name] for name in ("epipolar error", "clocks", "slipping tracks")} == {"not possible"}
+        assert (checks["scale"], checks["samples missing"], checks["recordings"]) == ("pass", "pass", "pass")
+        assert checks["static points"] == "not possible"  # none was named
+        assert result.audit.verdict == "use with care"
 
     def test_without_a_length_there_are_pixels_only(self, recording, tmp_path):
         result = measure(self.session(recording), tmp_path / "run")

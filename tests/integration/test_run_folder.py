@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from scenes import write_scene
 from vfm_sdm.core.netcdf import read_displacement, read_tracks, write_displacement
@@ -210,6 +211,16 @@ class TestReaders:
         ):
             self.check(run)
 
+    def test_a_folder_in_the_place_of_the_session_is_refused(self, run):
+        (run / "session.resolved.toml").unlink()
+        (run / "session.resolved.toml").mkdir()
+        with pytest.raises(ResultsError, match=r"expected the session that was measured, got: Is a directory; run"):
+            self.check(run)
+
+    def test_a_summary_of_another_form_is_read_as_one_without_keys(self, run):
+        RunFolder(run).add({"products": "none"})
+        assert self.check(run) == ()
+
     def test_results_that_the_summary_does_not_know_are_refused(self, run):
         displacement = read_displacement(run)
         write_displacement(run, displacement.assign_attrs(key="another"))
@@ -225,9 +236,15 @@ class TestReaders:
         with pytest.raises(ResultsError, match=r"got a damaged file \(its content is not what was written\); run"):
             reader(run / file)
 
-    def test_a_file_whose_end_was_lost_is_refused_at_once(self, run):
-        content = bytearray((run / "tracks.nc").read_bytes())
-        content[-4096:] = bytes(4096)
-        (run / "tracks.nc").write_bytes(content)
-        with pytest.raises(ResultsError, match=r"got a damaged file \(its end is missing\); run"):
+    def test_a_file_that_was_cut_off_is_refused(self, run):
+        (run / "tracks.nc").write_bytes((run / "tracks.nc").read_bytes()[:-4096])
+        with pytest.raises(ResultsError, match=r"tracks\.nc: expected tracks, got a damaged file"):
             read_tracks(run)
+
+    def test_what_another_program_wrote_has_no_seal_and_is_read(self, run):
+        with xr.open_dataset(run / "displacement.nc", decode_times=False) as opened:
+            doubled = opened.load()
+        doubled["displacement"] *= 2
+        before = read_displacement(run)["displacement"]
+        doubled.to_netcdf(run / "displacement.nc", engine="h5netcdf")
+        np.testing.assert_array_equal(read_displacement(run)["displacement"], 2 * before)

@@ -26,6 +26,7 @@ READERS = {
     "view.video": ("recordings", "audit"),
     "view.images": ("recordings", "cameras", "audit"),
     "view.fps": ("recordings", "audit"),
+    "view.capture_fps": ("recordings", "audit"),
     "view.lens": ("cameras", "audit"),
     "view.camera": ("cameras", "audit"),
     "view.level": ("cameras", "audit"),

@@ -24,6 +24,7 @@ from rich.prompt import Confirm
 from vfm_sdm import __version__
 from vfm_sdm.analysis.evaluation import evaluate_run, read_sensors, write_evaluation, write_reference
 from vfm_sdm.commands import tables as reports
+from vfm_sdm.commands.acceptance import accept, verify
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions
@@ -49,6 +50,8 @@ app = cyclopts.App(
 
 weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundation models: list and fetch them.")
 app.command(weights)
+app.command(accept)
+app.command(verify)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]

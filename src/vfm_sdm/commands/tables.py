@@ -48,7 +48,10 @@ _WORTH_SAYING_SHARE = 0.95
 _LEVEL_DEG = 15.0
 _SUMMARY_ROWS = 2
 _NAME_WIDTH = 16
-"""Letters of a name that every table has room for."""
+"""Letters of a name that tables have room for; most are shorter."""
+_ROOM_BESIDE_BUDGET = 10
+_SHORT = {"cameras": "camera", "synchronization": "clocks", "assumption": "assum.", "compression": "compr."}
+"""Headings with which all components of the budget stand in one line of a terminal of 80 columns."""
 """Mean and standard deviation, at the end of a table."""
 
 
@@ -104,7 +107,9 @@ def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[R
     """Status, adjusted quantities beside what was known before, and points that were not found."""
     style = "green" if solution.status == CameraStatus.OK else "red"
     yield Text(f"cameras: {solution.status}", style=style)
-    table = Table(title="Adjustment to the site", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(
+        title="Adjustment to the site", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False
+    )
     for name in ("quantity", "before", "std", "adjusted", "std", "unit"):
         table.add_column(Text(name), justify="left" if name in ("quantity", "unit") else "right")
     for q in solution.quantities:
@@ -129,6 +134,7 @@ def expectation_table(expected: Mapping[str, xr.Dataset]) -> Table:
         title_justify="left",
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
+        show_edge=False,
     )
     for name in ("view", "point", "expected"):
         table.add_column(Text(name))
@@ -160,22 +166,24 @@ def _expectation(subset: xr.Dataset) -> tuple[str, str]:
 
 
 def displacement_table(displacement: xr.Dataset) -> Table:
-    """Peak-to-peak, its expanded uncertainty (k = 2), scale, frequency and valid share a point and axis."""
+    """Peak-to-peak with its uncertainty (k = 2), detection limit, scale, frequency and valid share a point and axis."""
     table = Table(
         title=Text(f"Displacement in mm, axes of the {displacement.attrs['frame']}"),
         title_justify="left",
         box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
+        padding=0,
+        show_edge=False,
     )
     for name in (
         "point",
         "axis",
         "p-p",
         "+- k=2",
-        "random std",
-        "scale [%]",
+        "std",
+        "detect",
+        "scale %",
         "f [Hz]",
-        "valid [%]",
+        "valid %",
     ):
         if name == "point":
             _add_name_column(table, name, displacement["point"].values)
@@ -189,6 +197,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
                 _number(values["peak_to_peak_mm"], "{:.2f}"),
                 _number(values["expanded_uncertainty_mm"], "{:.2f}"),
                 _number(values["random_std_mm"], "{:.3f}"),
+                _number(values["detection_limit_mm"], "{:.3f}"),
                 _number(values["scale_std"], "{:.1f}", 100),
                 _number(values["dominant_frequency_hz"], "{:.2f}"),
                 _number(figures["coverage_valid"], "{:.0f}", 100),
@@ -197,19 +206,19 @@ def displacement_table(displacement: xr.Dataset) -> Table:
 
 
 def budget_table(displacement: xr.Dataset) -> Table:
-    """Components of the uncertainty of a sample a point and axis, root mean square over time, k = 1."""
+    """Components of the uncertainty of a sample a point and axis, root mean square over time, and all at k = 2."""
     table = Table(
         title=Text("Uncertainty budget in mm (k = 1, root mean square over time)"),
         title_justify="left",
         box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
+        padding=0,
+        show_edge=False,
     )
     components = [str(name) for name in displacement["component"].values]
-    for name in ("point", "axis", *components, "expanded k=2"):
-        if name == "point":
-            _add_name_column(table, name, displacement["point"].values)
-        else:
-            table.add_column(Text(name), justify="left" if name == "axis" else "right", no_wrap=name == "axis")
+    _add_name_column(table, "point", displacement["point"].values, room=_ROOM_BESIDE_BUDGET)
+    table.add_column(Text("axis"), no_wrap=True)
+    for name in (*components, "k = 2"):
+        table.add_column(Text(_SHORT.get(name, name)), justify="right", no_wrap=True)
     for point, figures in summarize_displacement(displacement).items():
         for number, (axis, values) in enumerate(figures["axes"].items()):
             budget = values["budget_mm"] or {}
@@ -225,7 +234,7 @@ def budget_table(displacement: xr.Dataset) -> Table:
 
 def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
     """Motion in pixels and frames by status, a view and point."""
-    table = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for name in ("view", "point", "range u [px]", "range v [px]", "median std [px]", *STATUS_MEANINGS[:4]):
         if name == "point":
             _add_name_column(table, name, [p for of_view in tracks.values() for p in of_view["point"].values])
@@ -250,7 +259,7 @@ def reference_table(reference: xr.Dataset) -> Table:
     title = Text(
         f"Reference displacement, {low:g} to {high:g} Hz, onset {reference.attrs.get('onset_status', 'given')}"
     )
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     axes = [str(axis) for axis in reference["axis"].values]
     for name in ("sensor", "onset [s]", "samples", "outliers", *(f"{axis} p-p [mm]" for axis in axes)):
         if name == "sensor":
@@ -300,7 +309,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
 
 def weights_table() -> Table:
     """Network, size and licence of every checkpoint, and its file where it is here."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for name in ("name", "network", "size", "licence", "here"):
         table.add_column(Text(name), justify="right" if name == "size" else "left")
     for name, one in CHECKPOINTS.items():
@@ -331,7 +340,7 @@ def benchmark_tables(benchmark: "Benchmark") -> Iterator[RenderableType]:
 
 
 def _score_table(title: Text, source: "ProtocolTable", suffix: str) -> Table:
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     chosen = [n for n, name in enumerate(source.columns) if n < _CASE_COLUMNS or name.endswith(suffix)]
     for n in chosen:
         name = source.columns[n].removesuffix(suffix)
@@ -341,10 +350,10 @@ def _score_table(title: Text, source: "ProtocolTable", suffix: str) -> Table:
     return table
 
 
-def _add_name_column(table: Table, title: str, names: Iterable[str]) -> None:
-    """A column of names that shows them whole: long ones go on in the next line."""
+def _add_name_column(table: Table, title: str, names: Iterable[str], *, room: int = _NAME_WIDTH) -> None:
+    """A column of names that shows them whole: those longer than its room go on in the next line."""
     longest = max((len(str(name)) for name in names), default=0)
-    table.add_column(Text(title), min_width=min(max(longest, len(title)), _NAME_WIDTH), overflow="fold")
+    table.add_column(Text(title), min_width=min(max(longest, len(title)), room), overflow="fold")
 
 
 def _number(value: float | None, form: str, factor: float = 1.0) -> str:

@@ -29,8 +29,6 @@ __all__ = [
 
 _ENGINE: Final = "h5netcdf"
 _JSON = "json:"
-_MARK: Final = "vfm_sdm_sealed"
-"""Attribute of files that have a seal, so that one whose end is lost is not taken for another program's."""
 _SEAL: Final = b"\nvfm-sdm sha256 "
 _DIGITS: Final = 64
 _READ_ERRORS = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, AssertionError)
@@ -62,7 +60,7 @@ def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
     ...     print(read_dataset(path, lambda found: found, kind="lengths", command="make").attrs)
     {'notes': ['measured', None]}
     """
-    stored = storable(dataset).assign_attrs({_MARK: "sha256"})
+    stored = storable(dataset)
     content = stored.to_netcdf(engine=_ENGINE, encoding=_choose_compression(stored))
     return write_file(path, _sealed(content))
 
@@ -124,9 +122,7 @@ def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -
         if not name or "/" in name or name == ".":
             raise ResultsError(f"{target}: expected view names without slashes, got {name!r}; rename the view")
     groups = {f"/{name}": storable(check_tracks(tracks)) for name, tracks in tracks_by_view.items()}
-    tree = xr.DataTree.from_dict(
-        {"/": xr.Dataset(attrs={_MARK: "sha256", "views": _JSON + json.dumps(list(tracks_by_view))}), **groups}
-    )
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"views": _JSON + json.dumps(list(tracks_by_view))}), **groups})
     encoding: dict[str, Any] = {name: _choose_compression(group) for name, group in groups.items()}
     return write_file(target, _sealed(tree.to_netcdf(engine=_ENGINE, encoding=encoding)))
 
@@ -276,8 +272,6 @@ def _unsealed(content: bytes) -> bytes:
     """The netCDF file of a sealed one; of other programs' files, which have no seal, the file as it is."""
     inside, seal, digest = content[:-_DIGITS], content[-_DIGITS - len(_SEAL) : -_DIGITS], content[-_DIGITS:]
     if seal != _SEAL:
-        if _MARK.encode() in content:
-            raise ValueError("its end is missing")
         return content
     inside = inside[: -len(_SEAL)]
     if hashlib.sha256(inside).hexdigest().encode() != digest:
@@ -321,7 +315,6 @@ def storable(dataset: xr.Dataset) -> xr.Dataset:
 def _restore(dataset: xr.Dataset) -> xr.Dataset:
     copy = dataset.copy()
     copy.attrs = _decode(copy.attrs)
-    copy.attrs.pop(_MARK, None)
     for name in copy.variables:
         copy[name].attrs = _decode(copy[name].attrs)
     return copy

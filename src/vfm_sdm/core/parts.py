@@ -265,7 +265,7 @@ _CHECKS = {
     "signal": Part(_AUDIT + "signal:check_signal"),
     "gain": Part(_AUDIT + "signal:check_gain"),
     "recording": Part(_AUDIT + "signal:check_recording"),
-    "duration": Part(_AUDIT + "signal:check_duration"),
+    "frames": Part(_AUDIT + "signal:check_duration"),
     "refinement": Part(_AUDIT + "signal:check_refinement"),
 }
 

@@ -21,7 +21,7 @@ SESSION = "session.resolved.toml"
 
 _SUMMARY, _LOCK, _FIGURES = "summary.json", "run.lock", "figures"
 _RESULTS = (
-    *("displacement.*", "evaluation.json", _SUMMARY),
+    *("displacement.*", "evaluation.json", "acceptance_*.json", _SUMMARY),
     *(f"{_FIGURES}/{stem}.png" for stem in ("trajectory_*", "displacement_*", "points_*", "audit")),
 )
 """What is said of a measurement. Cameras, points and tracks stand under keys of their own, which tell what they are
@@ -158,7 +158,8 @@ class RunFolder:
         record, own = self.record, str(marks.get("session_hash", ""))
         if not record or not own:
             return ()
-        stated = record.get("products", {}).get(product)
+        products = record.get("products")
+        stated = products.get(product) if isinstance(products, dict) else None
         if record.get("session_hash") != own or (stated is not None and stated != marks.get("key")):
             raise ResultsError(
                 f"{self.path}: expected results of one run, got {product} of session {own[:8]} that summary.json of "
@@ -166,7 +167,13 @@ class RunFolder:
                 "or one was cut short; run `vfm-sdm measure` again"
             )
         session = self.path / SESSION
-        if session.exists() and record.get("session_file") not in (None, file_hash(session)):
+        try:
+            found = file_hash(session) if session.exists() else None
+        except OSError as error:
+            raise ResultsError(
+                f"{session}: expected the session that was measured, got: {error.strerror}; run `vfm-sdm measure` again"
+            ) from error
+        if found is not None and record.get("session_file") not in (None, found):
             raise ResultsError(
                 f"{self.path}: expected results of one session, got another {SESSION} beside {product} and "
                 "summary.json; run `vfm-sdm measure` again"

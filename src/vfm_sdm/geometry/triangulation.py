@@ -16,6 +16,7 @@ __all__ = [
     "sampson_error",
     "stack_equations",
     "triangulate",
+    "triangulate_equations",
     "triangulate_with_slope",
     "view_equations",
 ]
@@ -83,7 +84,7 @@ def triangulate(points2d: npt.ArrayLike, rig: Rig, *, weights: npt.ArrayLike | N
     if weights is not None:
         factors = np.broadcast_to(np.asarray(weights, np.float64), u.shape[:-1]).reshape(len(rig), -1)
         equations = [factor * rows for factor, rows in zip(factors, equations, strict=True)]
-    points3d = _solve_equations(stack_equations(equations))[0]
+    points3d = triangulate_equations(equations)
     return np.ascontiguousarray(points3d.T).reshape(*u.shape[1:-1], 3)
 
 
@@ -151,6 +152,22 @@ def stack_equations(equations: Sequence[FloatArray]) -> FloatArray:
         A = np.where(np.repeat(seen, 2, axis=0)[:, None], A, 0.0)
         A[:, :, seen.sum(axis=0) < 2] = np.nan
     return A
+
+
+def triangulate_equations(equations: Sequence[FloatArray]) -> FloatArray:
+    """Points in space from the equations of every view, which may be those of another camera for each point.
+
+    Parameters
+    ----------
+    equations
+        As of `view_equations`, times their weights, shape (2, 4, N) each [px].
+
+    Returns
+    -------
+    points3d
+        Points as `triangulate` finds them, shape (3, N) [length unit of the rig].
+    """
+    return _solve_equations(stack_equations(equations))[0]
 
 
 def triangulate_with_slope(

@@ -8,7 +8,7 @@ from scipy.signal import detrend
 from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["dominant_frequency"]
+__all__ = ["detection_limit", "dominant_frequency"]
 
 _SHORTEST_S = 2.0
 _FEWEST_CYCLES = 4.0
@@ -19,6 +19,46 @@ _FALSE_PEAK = 1e-5
 """Nominal probability that noise alone gives a peak; as the noise level is estimated from few lines, the true one is
 below 1 in 300 for white noise and about 1 in 100 for a random walk (found by simulation)."""
 _ZERO_PADDING = 4
+_CHANCE = 0.05
+"""Probability with which noise alone shows a line above the limit of detection, as two standard deviations have it."""
+
+
+def detection_limit(std: float, count: int) -> float:
+    """Smallest amplitude of a sinusoid of unknown frequency that is told from white noise, in the unit of the noise.
+
+    Parameters
+    ----------
+    std
+        Standard deviation of the noise of one sample.
+    count
+        Number of samples.
+
+    Returns
+    -------
+    amplitude
+        NaN of fewer than two samples.
+
+    Notes
+    -----
+    A sinusoid of amplitude A in n samples has the power ``n A^2 / 4`` in a periodogram whose noise has the mean
+    ``std^2`` and an exponential distribution; the highest of ``M = n / 2`` lines of noise exceeds ``ln(M / p)`` times
+    the mean with probability p [1]_. With ``p = 0.05`` (k = 2) the limit is ``A = 2 std sqrt(ln(n / (2 p)) / n)``. Of
+    one frequency that is known beforehand it would be ``2 std sqrt(2 / n)``; noise that is not white has a higher limit
+    where its spectrum is higher.
+
+    References
+    ----------
+    .. [1] Scargle, J. D. (1982). Studies in astronomical time series analysis II. The Astrophysical Journal 263,
+       835-853, section III.
+
+    Examples
+    --------
+    >>> round(detection_limit(0.01, 480), 5)
+    0.00266
+    """
+    if count < 2:
+        return float("nan")
+    return float(2 * std * np.sqrt(np.log(count / (2 * _CHANCE)) / count))
 
 
 def dominant_frequency(time_s: npt.ArrayLike, values: npt.ArrayLike) -> float | None:

@@ -17,7 +17,7 @@ from pydantic_core import PydanticKnownError
 from vfm_sdm.core.parts import KINDS, Kind
 from vfm_sdm.core.registry import explain_unknown, find, parts_of, settings_model
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive
+from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive, not_below
 from vfm_sdm.networks.interface import Precision
 
 __all__ = ["Method", "Network", "Sfm", "Sgr", "table_paths"]
@@ -122,7 +122,7 @@ class Method(Entry):
     """Whether the offset between views is estimated from the points' motion, or taken as stated."""
     camera_motion: Literal["remove", "keep"] = "remove"
     """Whether motion of the cameras that static points show is taken out of the tracks, where that is sure to help."""
-    scale_limit: Annotated[float, Strict(), Field(gt=0, ge=1e-4, le=1)] = 0.05
+    scale_limit: Annotated[float, Strict(), Field(gt=0, le=1), not_below(1e-4)] = 0.05
     """Largest expanded relative uncertainty of the scale (k = 2) with which a result can be fit to use [1]."""
     injection: bool = True
     """Whether the gain of every point is measured by known motion that is put into the recordings, and corrected."""
@@ -134,8 +134,8 @@ class Method(Entry):
     correspondence: Annotated[str, _named("matchers")] = "registration"
     """Who finds a named point in the other views: subsets registered along the epipolar line, or, as in the paper,
     VGGT's tracker, whose answer is then registered to a fraction of a pixel."""
-    matching: Annotated[str, _named("features")] = "auto"
-    """Who matches features of first frames for cameras; a trained network where one is here, else SIFT."""
+    matching: Annotated[str, _named("features")] = "sift"
+    """Who matches features of first frames for cameras; ``auto``: a trained network where one is here, else SIFT."""
     network: Network = Network()
     sfm: Sfm = Sfm()
 

@@ -26,7 +26,7 @@ from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
-from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive, Readings, Site
+from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive, Readings, Site, not_below
 
 __all__ = ["Chessboard", "Lens", "Point", "Sensor", "Session", "View"]
 
@@ -38,7 +38,7 @@ _ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
 _Pixel = tuple[_Coordinate, _Coordinate]
-_Millimetres = Annotated[float, Strict(), Field(gt=0, ge=1e-2, le=1e5)]
+_Millimetres = Annotated[float, Strict(), Field(gt=0, le=1e5), not_below(1e-2)]
 
 
 def _instant(value: object) -> object:
@@ -61,8 +61,8 @@ class Lens(Entry):
 
     focal_mm: _Millimetres | None = None
     sensor_width_mm: _Millimetres | None = None
-    focal_px: Annotated[float, Strict(), Field(gt=0, ge=1, le=1e7)] | None = None
-    relative_std: Annotated[float, Strict(), Field(gt=0, ge=1e-7, le=10)] = 0.02
+    focal_px: Annotated[float, Strict(), Field(gt=0, le=1e7), not_below(1)] | None = None
+    relative_std: Annotated[float, Strict(), Field(gt=0, le=10), not_below(1e-7)] = 0.02
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:

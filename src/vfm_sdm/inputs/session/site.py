@@ -4,14 +4,45 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
-__all__ = ["Entry", "Length", "Level", "Measured", "Name", "Number", "Positive", "Range", "Readings", "Site"]
+__all__ = [
+    "Entry",
+    "Length",
+    "Level",
+    "Measured",
+    "Name",
+    "Number",
+    "Positive",
+    "Range",
+    "Readings",
+    "Site",
+    "not_below",
+]
 
 # Strict numbers, because pydantic would otherwise take "4.0" and true for numbers without a word.
+
+
+def not_below(least: float) -> AfterValidator:
+    """A bound of positive numbers, in the words of an error.
+
+    Parameters
+    ----------
+    least
+        Smallest number that is taken, in the unit of the field.
+    """
+
+    def check(value: float) -> float:
+        if value < least:
+            raise ValueError(f"expected at least {least:g}, got {value:g}; correct it")
+        return value
+
+    return AfterValidator(check)
+
+
 # Bounds that nothing on earth reaches: beyond them arithmetic overflows, and the number is a slip of the pen.
 Number = Annotated[float, Strict(), Field(ge=-1e9, le=1e9)]
-Positive = Annotated[float, Strict(), Field(gt=0, ge=1e-9, le=1e9)]
+Positive = Annotated[float, Strict(), Field(gt=0, le=1e9), not_below(1e-9)]
 _Metres = Annotated[float, Strict(), Field(ge=0, le=1e5)]
-_PositiveMetres = Annotated[float, Strict(), Field(gt=0, ge=1e-7, le=1e5)]
+_PositiveMetres = Annotated[float, Strict(), Field(gt=0, le=1e5), not_below(1e-7)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
 _Degrees = Annotated[float, Strict(), Field(ge=-180, le=180)]
 
@@ -48,7 +79,7 @@ class Level(Entry):
     value_deg: _Degrees = 0.0
     pitch_deg: _Degrees | None = None
     roll_deg: _Degrees | None = None
-    std_deg: Annotated[float, Strict(), Field(gt=0, ge=1e-6, le=180)]
+    std_deg: Annotated[float, Strict(), Field(gt=0, le=180), not_below(1e-6)]
 
     @property
     def pitch(self) -> float:

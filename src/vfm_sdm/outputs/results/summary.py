@@ -23,7 +23,7 @@ from vfm_sdm.outputs.results.notes import (
     recording_notes,
     subset_notes,
 )
-from vfm_sdm.signals.spectrum import dominant_frequency
+from vfm_sdm.signals.spectrum import detection_limit, dominant_frequency
 from vfm_sdm.stages.audit import Audit
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
@@ -137,7 +137,9 @@ def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
     summary
         By point name: ``coverage_valid`` (share of frames with status ok [1]), ``status_counts`` (frames by status)
         and ``axes``, by axis name: ``peak_to_peak_mm``, ``rms_mm`` (about the zero of the displacement),
-        ``random_std_mm`` (median), ``scale_std`` [1], ``expanded_uncertainty_mm`` (of the peak-to-peak, k = 2),
+        ``random_std_mm`` (median), ``detection_limit_mm`` (smallest amplitude of a sinusoid that is told from the
+        random part over the recording, `vfm_sdm.signals.spectrum.detection_limit`), ``scale_std`` [1],
+        ``expanded_uncertainty_mm`` (of the peak-to-peak, k = 2),
         ``budget_mm`` (root mean square over time of each component of the uncertainty of a sample, k = 1) and
         ``dominant_frequency_hz``. Only frames with status ok count; the value is None where these do not tell it.
 
@@ -193,6 +195,7 @@ def _summarize_axis(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> di
         "peak_to_peak_mm": None,
         "rms_mm": None,
         "random_std_mm": None,
+        "detection_limit_mm": None,
         "scale_std": _replace_unknown(scale_std),
         "expanded_uncertainty_mm": None,
         "budget_mm": None,
@@ -206,6 +209,9 @@ def _summarize_axis(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> di
     summary["peak_to_peak_mm"] = span
     summary["rms_mm"] = float(np.sqrt(np.mean(values[found] ** 2)))
     summary["random_std_mm"] = float(np.median(known_std)) if known_std.size else None
+    if known_std.size:
+        noise = float(np.sqrt(np.mean(known_std**2)))
+        summary["detection_limit_mm"] = _replace_unknown(detection_limit(noise, int(found.sum())))
     variance = std[top] ** 2 + std[bottom] ** 2 + (scale_std * span) ** 2
     if "uncertainty" in series:
         budget = {str(name): series["uncertainty"].sel(component=name).values for name in series["component"].values}

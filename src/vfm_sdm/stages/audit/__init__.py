@@ -5,13 +5,13 @@ from math import nan
 from vfm_sdm.core.registry import find, part_names
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.stages.audit.model import Audit, AuditCheck, AuditInputs
+from vfm_sdm.stages.audit.model import BETWEEN_VIEWS, Audit, AuditCheck, AuditInputs
 
 __all__ = ["Audit", "AuditCheck", "AuditInputs", "audit"]
 
 
 def audit(inputs: AuditInputs) -> Audit:
-    """All checks of a measurement with two views or more.
+    """All checks of a measurement, as far as its views allow.
 
     Parameters
     ----------
@@ -22,13 +22,19 @@ def audit(inputs: AuditInputs) -> Audit:
     -----
     No check compares with a reference sensor, so an error of all cameras, points and lengths alike stays unseen: above
     all a wrong baseline where no other length was measured, of which the check of the scale warns.
+
+    Of a single view, motion towards the camera, tracks that slip and a wrong distance from the known length stay
+    unseen; checks that compare views say that they are not possible.
     """
-    found = (_run_check(name, inputs) for name in part_names("checks"))
-    return Audit(tuple(check for check in found if check is not None))
+    views = len(inputs.session.view)
+    found = (_run_check(name, inputs, views) for name in part_names("checks"))
+    return Audit(tuple(check for check in found if check is not None), views)
 
 
-def _run_check(name: str, inputs: AuditInputs) -> AuditCheck | None:
+def _run_check(name: str, inputs: AuditInputs, views: int) -> AuditCheck | None:
     """Result of a check; ``None`` where it does not apply. A failing check of another package is one not possible."""
+    if views == 1 and name in BETWEEN_VIEWS:
+        return _make_not_possible(BETWEEN_VIEWS[name], "it takes a second view to see it")
     try:
         part = find("checks", name)
     except BackendUnavailableError as error:

@@ -59,6 +59,11 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
         good="what was measured on site, the lenses and the images agree",
         bad="{} contradicts the rest; a lens, a tape reading or a point is wrong, and with it the scale",
     )
+    if cameras.suspects:
+        first, *others = cameras.suspects
+        outcome = Outcome.FAIL if judged.outcome == Outcome.FAIL or first.drop >= _W_FAIL else Outcome.CAUTION
+        said = f"{first.sentence(others)}; what was stated contradicts itself, and the scale with it"
+        return replace(judged, outcome=outcome, value=first.drop, where=first.name, sentence=said)
     if cameras.status in (CameraStatus.OK, CameraStatus.DISAGREE) or judged.outcome == Outcome.FAIL:
         return judged
     return replace(judged, outcome=Outcome.CAUTION, sentence=f"{cameras.status}; the notes of the cameras say where")

@@ -16,7 +16,7 @@ from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
-__all__ = ["NOISE_TRUST", "REQUIRED", "Audit", "AuditCheck", "AuditInputs", "Limits", "judge"]
+__all__ = ["BETWEEN_VIEWS", "NOISE_TRUST", "REQUIRED", "Audit", "AuditCheck", "AuditInputs", "Limits", "judge"]
 
 T = TypeVar("T")
 
@@ -24,12 +24,22 @@ NOISE_TRUST = 1.5
 """Factor by which stated noise may be too small before what is left counts as motion [1]."""
 REQUIRED = frozenset(
     {
-        *("scale", "epipolar error", "epipolar error in motion", "clocks", "samples missing"),
+        *("scale", "epipolar error", "epipolar error in motion", "samples missing"),
         *("static points", "tripods", "signal to noise"),
     }
 )
 """Names of the checks without which nobody knows whether a result is fit to use: of the scale, of the views against
-each other, of the cameras that must stand still, and of whether anything was measured."""
+each other (also of their clocks), of the cameras that must stand still, and of whether anything was measured."""
+BETWEEN_VIEWS = {
+    "epipolar-level": "epipolar error",
+    "epipolar-motion": "epipolar error in motion",
+    "agreement": "agreement of the views",
+    "synchronization": "clocks",
+    "drift": "clock drift",
+    "frozen": "frozen tracks",
+    "slip": "slipping tracks",
+}
+"""Checks that compare views, by their part's name, with what they are called."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +86,15 @@ class Audit:
     """All checks of one measurement and their verdict.
 
     Refused by one that failed; care for any caution, and for any check of `REQUIRED` that could not be made; not judged
-    where most of these could not.
+    where most of these could not. What only further views could show is missing where there is one, and no more than
+    that: it does not keep the rest from being judged.
+
+    Parameters
+    ----------
+    checks
+        Results of the checks.
+    views
+        Number of views that were measured with.
 
     Examples
     --------
@@ -86,6 +104,7 @@ class Audit:
     """
 
     checks: tuple[AuditCheck, ...]
+    views: int = 2
 
     @property
     def verdict(self) -> Verdict:
@@ -93,8 +112,9 @@ class Audit:
         outcomes = {check.outcome for check in self.checks}
         if Outcome.FAIL in outcomes:
             return Verdict.REFUSED
-        required = [check for check in self.checks if check.name in REQUIRED]
-        if 2 * len(self.missing) > len(required):
+        needed = REQUIRED - set(BETWEEN_VIEWS.values()) if self.views == 1 else REQUIRED
+        required = [check for check in self.checks if check.name in needed]
+        if 2 * sum(check.outcome == Outcome.NOT_POSSIBLE for check in required) > len(required):
             return Verdict.NOT_JUDGED
         return Verdict.CARE if Outcome.CAUTION in outcomes or self.missing else Verdict.FIT
 
@@ -223,8 +243,9 @@ class AuditInputs:
 
     @property
     def static(self) -> list[str]:
-        """Names of the points that must not move, as far as two views or more tracked them."""
-        return self._static_in(np.isfinite(self.aligned["position"].values).all(axis=-1).sum(axis=0) >= 2)
+        """Names of the points that must not move, as far as two views or more tracked them, or the only one."""
+        needed = min(2, self.aligned.sizes["view"])
+        return self._static_in(np.isfinite(self.aligned["position"].values).all(axis=-1).sum(axis=0) >= needed)
 
     def static_in(self, view: str) -> list[str]:
         """Names of those of `static` that a view tracked itself."""

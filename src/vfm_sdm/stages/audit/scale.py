@@ -12,6 +12,7 @@ from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, triangulation_jacobian
 from vfm_sdm.geometry.triangulation import triangulate
+from vfm_sdm.stages.audit.lenses import find_unseen_lens_error
 from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs
 from vfm_sdm.stages.cameras.site_values import POINTED_STD_PX
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
@@ -63,6 +64,14 @@ def check_scale(inputs: AuditInputs) -> AuditCheck:
         return AuditCheck(_NAME, Outcome.NOT_POSSIBLE, float("nan"), limit, "1", sentence)
     point, axis, value = worst
     where = f"{axis} of {point}"
+    unseen = _find_unseen(inputs, point)
+    if value <= limit < unseen:
+        remedy = _advise_check(inputs, point)
+        sentence = (
+            f"known to {_percent(value)} (k = 2) if the lenses are as stated; it rests on them, and nothing would "
+            f"show a lens so wrong that the scale is off by {_percent(unseen)}. {remedy} checks them"
+        )
+        return AuditCheck(_NAME, Outcome.CAUTION, value, limit, "1", sentence, where)
     if value <= limit:
         return AuditCheck(_NAME, Outcome.PASS, value, limit, "1", f"known to {_percent(value)} (k = 2)", where)
     best = min(list_readings(inputs, point), key=lambda one: one.left, default=None)
@@ -97,15 +106,39 @@ def list_readings(inputs: AuditInputs, point: str) -> list[Reading]:
     if point not in names:
         return []
     covariance = cameras.covariance
-    rotation = np.eye(3) if cameras.frame is None else cameras.frame.rotation
-    axes = [str(a) for a in inputs.displacement["axis"].values]
-    directions = rotation[[axes.index(axis) for axis in _list_axes(inputs)]]
-    scales = [_differentiate_scale(cameras.rig, pixels[:, names.index(point)], one) for one in directions]
+    scales = _list_slopes(inputs, point)
     size = len(covariance)
     return [
         Reading(words, max(_leave(scale, covariance, np.pad(slope, (0, size - len(slope))), std) for scale in scales))
         for words, slope, std in _propose(cameras.rig, names, pixels)
     ]
+
+
+def _find_unseen(inputs: AuditInputs, point: str) -> float:
+    """Largest error of a point's scale that a wrong lens could cause unseen, of the axes that are judged [1]."""
+    slopes = _list_slopes(inputs, point)
+    return max((find_unseen_lens_error(inputs.cameras, one) for one in slopes), default=0.0)
+
+
+def _list_slopes(inputs: AuditInputs, point: str) -> list[FloatArray]:
+    """Change of a point's scale along every axis that is judged with parameters of cameras and axes, (10 V + 3,)."""
+    cameras = inputs.cameras
+    if cameras.rig is None or cameras.covariance is None:
+        return []
+    names, pixels = _list_places(inputs, cameras.rig)
+    if point not in names:
+        return []
+    rotation = np.eye(3) if cameras.frame is None else cameras.frame.rotation
+    axes = [str(a) for a in inputs.displacement["axis"].values]
+    directions = rotation[[axes.index(axis) for axis in _list_axes(inputs)]]
+    return [_differentiate_scale(cameras.rig, pixels[:, names.index(point)], one) for one in directions]
+
+
+def _advise_check(inputs: AuditInputs, point: str) -> str:
+    """The reading that would tell most of what the lenses tell now."""
+    of_sites = [one for one in list_readings(inputs, point) if "lens" not in one.sentence]
+    best = min(of_sites, key=lambda one: one.left, default=None)
+    return "A calibration of the lenses" if best is None else best.sentence[:1].upper() + best.sentence[1:]
 
 
 def _find_worst(inputs: AuditInputs) -> tuple[str, str, float] | None:

@@ -152,6 +152,8 @@ def check_refinement(inputs: AuditInputs) -> AuditCheck | None:
     name = "refinement"
     if inputs.session.method.refinement == "none":
         return None
+    if "refinement_status" not in inputs.displacement:
+        return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), 0.0, "1", "it takes a second view to refine")
     refused = {
         str(point): status
         for point, status in zip(

@@ -1,14 +1,17 @@
 """Matches grouped by cells of the image, so that every cell counts as one observation."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.stages.cameras.shared_points import SharedPoints
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["CellMatches", "CellPoints", "group_matches", "group_points"]
+__all__ = ["CellMatches", "CellPoints", "cell_medians", "group_matches", "group_points", "list_epipolar_errors"]
 
 _CELLS = 6
 """Number of cells along a side of the grid over an image; matches of one cell count as one observation."""
@@ -117,3 +120,31 @@ def _thin_by_cell(pixels: FloatArray, image_size: tuple[int, int]) -> tuple[IntA
         weights.append(np.full(members.size, 1 / np.sqrt(members.size)))
     chosen = np.concatenate(kept)
     return chosen, np.concatenate(weights), cell[chosen]
+
+
+def list_epipolar_errors(groups: Sequence[CellMatches], rig: Rig) -> Iterator[tuple[CellMatches, FloatArray]]:
+    """Groups of matches with the Sampson error of each match, shape (N,) [px].
+
+    Parameters
+    ----------
+    groups
+        Matches of pairs of views.
+    rig
+        Cameras of these views.
+    """
+    for group in groups:
+        m = group.matches
+        yield group, sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
+
+
+def cell_medians(errors: FloatArray, cell: IntArray) -> FloatArray:
+    """Median of the errors of each cell, shape (cells, ...).
+
+    Parameters
+    ----------
+    errors
+        Errors of N matches, shape (N, ...), in any unit.
+    cell
+        Cell of each match, shape (N,).
+    """
+    return np.array([np.nanmedian(errors[cell == one], axis=0) for one in np.unique(cell)])

@@ -19,6 +19,7 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Readings, Site
+from vfm_sdm.stages.cameras.culprits import Suspect, list_suspects
 from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
@@ -29,6 +30,13 @@ _DISAGREEMENT_STD = 3.0
 _CONTRADICTED_STD = 5.0
 """Residual over its own standard deviation from which a reading is contradicted. Baarda's 3.3 is for observations whose
 weights are known exactly; those of matches are not."""
+_CULPRIT_STD = 4.0
+"""Standard deviations from which a claim is named as wrong: by chance one of 15 in a run of a thousand."""
+_AS_PROBABLE = 4.0
+"""Difference of two drops of the cost below which the data hardly tell two culprits apart."""
+_WEAK_FOCAL_STD = 0.08
+"""Relative standard deviation of a focal length from which its prior leaves room for several minima."""
+_STARTS = (0.0, -1.0, 1.0, -2.0, 2.0)
 _LEAST_REDUNDANCY = 0.01
 """Share of a reading that the others must check."""
 _DETERMINED = 0.9
@@ -122,6 +130,8 @@ class SiteAdjustment:
         Root mean square epipolar error of the matches after the adjustment [px]; NaN without matches.
     cost
         Sum of all squared residuals over their standard deviations, priors included [1].
+    suspects
+        What was stated and is most probably wrong, the first first; empty where nothing contradicts.
     """
 
     rig: Rig
@@ -132,6 +142,7 @@ class SiteAdjustment:
     notes: tuple[str, ...]
     epipolar_rms_px: float
     cost: float
+    suspects: tuple[Suspect, ...] = ()
 
 
 def adjust_to_site(
@@ -177,7 +188,7 @@ def adjust_to_site(
     them carry the weight of a few dozen: see `vfm_sdm.stages.cameras.site_problem.SiteProblem`.
     """
     problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
-    solution = _minimize_residuals(problem, np.zeros(problem.size))
+    solution = _minimize_from_starts(problem)
     cell_std_px = problem.cell_std(solution.x)
     if cell_std_px > problem.match_std_px:
         # The errors of the camera model exceed the assumed standard deviation: the matches get less weight. Once only:
@@ -195,9 +206,31 @@ def adjust_to_site(
     frame = StructureFrame(rotation, joint[count:, count:]) if problem.has_axes else None
     rig = Rig(rig.names, rig.cameras, metric, joint[:count, :count])
     quantities = _list_quantities(problem, solution.x, whitened)
-    status, notes = _judge(quantities, problem, bool(solution.success))
+    suspects = _find_culprits(problem, solution)
+    status, notes = _judge(quantities, problem, suspects, bool(solution.success))
     rms = problem.epipolar_rms(solution.x)
-    return SiteAdjustment(rig, frame, joint, quantities, status, notes, rms, 2 * float(solution.cost))
+    return SiteAdjustment(rig, frame, joint, quantities, status, notes, rms, 2 * float(solution.cost), suspects)
+
+
+def _minimize_from_starts(problem: SiteProblem) -> OptimizeResult:
+    """The least minimum from starts over the common focal length, where little is known of it.
+
+    The problem is not convex, and a wrong focal length may be another minimum. Starts lie one and two standard
+    deviations of the prior away.
+    """
+    common, std = problem.common_focal()
+    offsets = _STARTS if std > _WEAK_FOCAL_STD else (0.0,)
+    found = [_minimize_residuals(problem, offset * common) for offset in offsets]
+    return min(found, key=lambda one: (not one.success, float(one.cost)))
+
+
+def _find_culprits(problem: SiteProblem, solution: OptimizeResult) -> tuple[Suspect, ...]:
+    """Claims that the others contradict, and those that are nearly as probable as the first."""
+    claims = problem.claims(len(solution.fun))
+    suspects = list_suspects(claims, np.asarray(solution.fun), np.asarray(solution.jac))
+    if not suspects or suspects[0].drop <= _CULPRIT_STD:
+        return ()
+    return tuple(one for one in suspects if one.rank > suspects[0].rank - _AS_PROBABLE)
 
 
 def _minimize_residuals(problem: SiteProblem, start: FloatArray) -> OptimizeResult:
@@ -274,7 +307,9 @@ def _list_quantities(problem: SiteProblem, solution: FloatArray, whitened: Float
     )
 
 
-def _judge(quantities: tuple[SiteQuantity, ...], problem: SiteProblem, converged: bool) -> tuple[str, tuple[str, ...]]:
+def _judge(
+    quantities: tuple[SiteQuantity, ...], problem: SiteProblem, suspects: tuple[Suspect, ...], converged: bool
+) -> tuple[str, tuple[str, ...]]:
     """Status and the sentences that explain it."""
     notes = list(problem.notes)
     disagreeing = [
@@ -285,6 +320,8 @@ def _judge(quantities: tuple[SiteQuantity, ...], problem: SiteProblem, converged
         f"({max(q.deviation, q.contradiction):.1f} standard deviations away)"
         for q in disagreeing
     ]
+    if suspects:
+        notes.append(suspects[0].sentence(suspects[1:]))
     undetermined = [q.name for q in quantities if not (q.determined or q.measured)]
     if undetermined:
         notes.append(f"not determined by the other data, rests on its prior alone: {', '.join(undetermined)}")
@@ -305,6 +342,6 @@ def _judge(quantities: tuple[SiteQuantity, ...], problem: SiteProblem, converged
         return CameraStatus.NOT_IDENTIFIABLE, tuple(notes)
     if unplaced:
         return CameraStatus.UNKNOWN_DISTANCE, tuple(notes)
-    if disagreeing:
+    if disagreeing or suspects:
         return CameraStatus.DISAGREE, tuple(notes)
     return CameraStatus.OK, tuple(notes)

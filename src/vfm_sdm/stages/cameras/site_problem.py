@@ -1,23 +1,32 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import cholesky
 
-from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
-from vfm_sdm.geometry.triangulation import sampson_error, triangulate
+from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Readings, Site
-from vfm_sdm.stages.cameras.match_cells import CellMatches, group_matches, group_points
+from vfm_sdm.stages.cameras.culprits import Claim
+from vfm_sdm.stages.cameras.match_cells import cell_medians, group_matches, group_points, list_epipolar_errors
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
+from vfm_sdm.stages.cameras.whitening import (
+    OUTLIER,
+    ROBUST_STD,
+    bend,
+    differentiate,
+    differentiate_centrally,
+    factor_prior,
+)
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["DISTANCE", "MATCH_STD_PX", "SiteProblem"]
+__all__ = ["ALL_FOCALS", "DISTANCE", "MATCH_STD_PX", "SiteProblem"]
 
+ALL_FOCALS = "focal lengths of all views"
 DISTANCE = "distance"
 """First word of the names of the distances from the reference camera to the third and further cameras."""
 MATCH_STD_PX = 0.25
@@ -26,10 +35,10 @@ of the camera model, which are alike for neighbours. It is enlarged when the res
 _POSE_PARAMETERS = 7
 """Largest number of parameters of the epipolar geometry of two views."""
 _RIGS_KEPT = 64
-_ROBUST_STD = 3.0
+_FOCAL_REACH = 3.0
+"""Largest change of a logarithm of a focal length that distortion follows: a factor of twenty is only a trial step."""
 _NORMAL = 1.4826
 """Standard deviation over the median absolute value of a normal distribution."""
-_OUTLIER = 1e3
 _UNSTATED_LEVEL_STD = np.radians(1.0)
 """Standard deviation of pitch and roll without a level reading: a tripod head set by eye [rad]."""
 
@@ -49,7 +58,8 @@ class SiteProblem:
 
     Notes
     -----
-    The parameters are those of the rig, with the pose of the reference camera fixed; pitch and roll of the reference
+    The parameters are those of the rig, with the pose of the reference camera fixed, and distortion by what it does to
+    pixels, so that its prior keeps its meaning when the focal length moves; pitch and roll of the reference
     camera; perpendicular and longitudinal distance; the common offset of points from the face and its lean, the offset
     of matches at the lower border of the image; and pixel errors of the named points in use.
 
@@ -94,7 +104,7 @@ class SiteProblem:
         self._on_face = [group for group in self._cells if group.matches.on_face.any()] if self.has_axes else []
         self._face_matches = [group.matches.chosen(group.matches.on_face) for group in self._on_face]
         self.match_std_px = MATCH_STD_PX
-        self._factor = _factor_prior(rig.covariance)
+        self._factor = factor_prior(rig.covariance)
         self._rig_size = self._factor.shape[1]
         self._extra_prior, self._extra_std = self._read_extra_priors()
         self.size = self._rig_size + self._extra_std.size + 2 * len(rig) * len(self._used)
@@ -121,8 +131,35 @@ class SiteProblem:
         if key not in self._rigs:
             if len(self._rigs) >= _RIGS_KEPT:
                 self._rigs.clear()
-            self._rigs[key] = self._start.perturbed(self._factor @ inner)
+            self._rigs[key] = self._start.perturbed(self._step_to(inner))
         return self._rigs[key]
+
+    def _step_to(self, inner: FloatArray) -> FloatArray:
+        """Change of the rig's parameters, shape (10 V,); that of the distortion keeps its pixels.
+
+        A prior of k1 says by how much a lens moves the pixels at the corner of the image. With a focal length that is
+        uncertain itself, the same pixels are another k1: it grows with the square of the focal length.
+        """
+        step = self._factor @ inner
+        focal, k1 = (step[CAMERA_PARAMETERS.index(name) :: len(CAMERA_PARAMETERS)] for name in ("log_focal", "k1"))
+        k1 *= np.exp(2 * np.clip(focal, -_FOCAL_REACH, _FOCAL_REACH))
+        return np.asarray(step)
+
+    def common_focal(self) -> tuple[FloatArray, float]:
+        """Whitened parameters of all focal lengths one prior standard deviation longer, and that deviation.
+
+        Returns
+        -------
+        direction, std
+            Shape (M,); and the mean relative standard deviation [1].
+        """
+        rows = self._factor[:: len(CAMERA_PARAMETERS)]
+        stds = np.linalg.norm(rows, axis=1)
+        direction = np.zeros(self.size)
+        wanted = np.zeros(len(self._factor))
+        wanted[:: len(CAMERA_PARAMETERS)] = stds
+        direction[: self._rig_size] = np.linalg.pinv(self._factor) @ wanted
+        return direction, float(stds.mean())
 
     def structure_rotation(self, z: FloatArray) -> FloatArray:
         """Rotation from the reference camera to the structure's axes at these parameters.
@@ -177,16 +214,16 @@ class SiteProblem:
         jacobian
             Derivative, shape (M + R, M) [1]; only the parameters of the rig move the matches.
         """
-        matches = [_differentiate(self._compute_match_residuals, z, self._rig_size)]
+        matches = [differentiate(self._compute_match_residuals, z, self._rig_size)]
         if self._shared:
-            matches.append(_differentiate_centrally(self._compute_shared_residuals, z, self._rig_size))
+            matches.append(differentiate_centrally(self._compute_shared_residuals, z, self._rig_size))
         moving = self._rig_size
         if self._on_face:
             moving += self._extra_std.size
             matches = [np.pad(part, ((0, 0), (0, self._extra_std.size))) for part in matches]
-            matches.append(_differentiate_centrally(self._compute_surface_residuals, z, moving))
+            matches.append(differentiate_centrally(self._compute_surface_residuals, z, moving))
         padded = np.pad(np.concatenate(matches), ((0, 0), (0, self.size - moving)))
-        return np.concatenate([np.eye(self.size), padded, _differentiate(self._compute_length_residuals, z, self.size)])
+        return np.concatenate([np.eye(self.size), padded, differentiate(self._compute_length_residuals, z, self.size)])
 
     def quantities(self, z: FloatArray) -> list[AdjustedValue]:
         """Quantities for the report at these parameters.
@@ -207,11 +244,12 @@ class SiteProblem:
         for index, (name, camera) in enumerate(zip(rig.names, rig.cameras, strict=True)):
             start = self._start.cameras[index]
             std = np.sqrt(np.diag(covariance))[len(CAMERA_PARAMETERS) * index :][:4]
+            stretch = camera.focal_px / start.focal_px
             rows = (
                 ("focal", "px", start.focal_px, std[0] * start.focal_px, camera.focal_px),
                 ("principal point u", "px", start.K[0, 2], std[1], camera.K[0, 2]),
                 ("principal point v", "px", start.K[1, 2], std[2], camera.K[1, 2]),
-                ("distortion k1", "1", start.distortion[0], std[3], camera.distortion[0]),
+                ("distortion k1", "1", start.distortion[0], std[3] * stretch**2, camera.distortion[0]),
             )
             values += [AdjustedValue(f"{what} {name}", unit, p, s, v) for what, unit, p, s, v in rows if s > 0]
         values += self._list_distances(rig)
@@ -227,6 +265,59 @@ class SiteProblem:
                 values.append(AdjustedValue(name, "m", prior, std, float(extra[index]), True))
         return values
 
+    def claims(self, count: int) -> list[Claim]:
+        """Everything that was stated and may be wrong, and how an error of it would change the residuals.
+
+        Parameters
+        ----------
+        count
+            Number R of all residuals.
+
+        Returns
+        -------
+        claims
+            Focal lengths of each view and of all together, priors of the site, and every reading.
+        """
+        inner = np.linalg.pinv(self._factor)
+        names = self._start.names
+        found, focal = [], []
+        for index, (name, camera) in enumerate(zip(names, self._start.cameras, strict=True)):
+            row = np.zeros(len(self._factor))
+            row[len(CAMERA_PARAMETERS) * index] = std = float(
+                np.linalg.norm(self._factor[len(row) // len(names) * index])
+            )
+            if std > 0:
+                rows = np.pad(inner @ row, (0, count - self._rig_size))[:, None]
+                focal.append(Claim(f"focal {name}", "px", camera.focal_px, std, rows, logarithmic=True))
+        found += focal
+        if len(focal) > 1:
+            std = float(np.mean([one.std for one in focal]))
+            rows = np.sum([std / one.std * one.rows for one in focal], axis=0)
+            mean = float(np.exp(np.mean([np.log(one.stated) for one in focal])))
+            found.append(Claim(ALL_FOCALS, "px", mean, std, rows, logarithmic=True))
+        eye = np.eye(count)
+        extra = ("pitch reference camera", "roll reference camera", "perpendicular distance", "longitudinal distance")
+        for index, name in enumerate(extra if self.has_axes else ()):
+            unit, scale = ("deg", np.degrees(1.0)) if index < 2 else ("m", 1.0)
+            stated, std = scale * self._extra_prior[index], scale * self._extra_std[index]
+            found.append(Claim(name, unit, float(stated), float(std), eye[:, [self._rig_size + index]]))
+        measured = list_measured(self._state(np.zeros(self.size)), self._site, self._readings)
+        on_face = self._face if self.has_axes else []
+        first = count - len(measured) - len(on_face)
+        for number, one in enumerate(measured, start=first):
+            found.append(Claim(one.name, one.units, one.prior, one.prior_std, eye[:, [number]]))
+        found += [self._claim_of_point(name, eye, first + len(measured)) for name in self._used]
+        return found
+
+    def _claim_of_point(self, name: str, eye: FloatArray, first: int) -> Claim:
+        """A named point: where each view sees it, and that it lies on the face."""
+        per_point = 2 * len(self._start)
+        begin = self._rig_size + self._extra_std.size + per_point * self._used.index(name)
+        values = list(range(begin, begin + per_point))
+        if self.has_axes and name in self._face:
+            values.append(first + self._face.index(name))
+        return Claim(f"point {name!r}", "", float("nan"), float("nan"), eye[:, values])
+
     def epipolar_rms(self, z: FloatArray) -> float:
         """Root mean square epipolar error of the matches.
 
@@ -240,7 +331,7 @@ class SiteProblem:
         rms
             Error [px]; NaN without matches.
         """
-        errors = [one for _, one in _list_epipolar_errors(self._cells, self.rig(z))]
+        errors = [one for _, one in list_epipolar_errors(self._cells, self.rig(z))]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else float("nan")
 
     def cell_std(self, z: FloatArray) -> float:
@@ -265,16 +356,16 @@ class SiteProblem:
         """
         rig = self.rig(z)
         squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
-        for group, errors in _list_epipolar_errors(self._pairs, rig):
+        for group, errors in list_epipolar_errors(self._pairs, rig):
             if group.matches.std_px:
                 continue
-            medians = _cell_medians(errors, group.cell)
+            medians = cell_medians(errors, group.cell)
             # Wrong matches must not make the right ones count less.
-            limit = _ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
+            limit = ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
             squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
             free += len(medians)
         for shared in self._shared:
-            medians = _cell_medians(shared.points.errors(rig), shared.cell)
+            medians = cell_medians(shared.points.errors(rig), shared.cell)
             squares += float(np.sum(np.square(medians)))
             free += shared.points.constraints * len(medians)
         return float(np.sqrt(squares / (free - 2))) if free > _POSE_PARAMETERS else float("nan")
@@ -370,7 +461,7 @@ class SiteProblem:
             height = rig.cameras[m.first].image_size[1] / 2
             shift = offset + lean * (m.points_first[:, 1] / height - 1)
             scaled = (lateral - perpendicular - shift) / self._site.face_offset_std
-            parts.append(_bend(scaled) * group.weight[group.matches.on_face])
+            parts.append(bend(scaled) * group.weight[group.matches.on_face])
         return np.concatenate(parts)
 
     def _triangulate_face(self, z: FloatArray, rig: Rig) -> list[FloatArray]:
@@ -387,8 +478,8 @@ class SiteProblem:
     def _compute_match_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the matches of pairs of views."""
         parts = [
-            _bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
-            for group, errors in _list_epipolar_errors(self._pairs, self.rig(z))
+            bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
+            for group, errors in list_epipolar_errors(self._pairs, self.rig(z))
         ]
         return np.concatenate([np.empty(0), *parts])
 
@@ -400,71 +491,9 @@ class SiteProblem:
             scaled = group.points.errors(rig) / self.match_std_px
             # All errors of a point are made smaller together where one of them is gross.
             size = np.linalg.norm(scaled, axis=1, keepdims=True)
-            reach = _ROBUST_STD**2 * group.points.constraints
+            reach = ROBUST_STD**2 * group.points.constraints
             bent = np.sqrt(2 * reach * (np.sqrt(1 + size**2 / reach) - 1))
             robust = np.where(size > 0, scaled * bent / np.where(size > 0, size, 1.0), 0.0)
             known = np.isfinite(robust).all(axis=1, keepdims=True)
-            parts.append((np.where(known, robust, _OUTLIER) * group.weight[:, None]).ravel())
+            parts.append((np.where(known, robust, OUTLIER) * group.weight[:, None]).ravel())
         return np.concatenate(parts)
-
-
-def _bend(scaled: FloatArray) -> FloatArray:
-    """Residuals with the pseudo-Huber loss: quadratic near zero, linear beyond three standard deviations.
-
-    A trial step may change the distortion so much that a pixel has no ray: it counts as a gross outlier.
-    """
-    known = np.where(np.isfinite(scaled), scaled, _OUTLIER)
-    reach = _ROBUST_STD**2
-    return np.asarray(np.sign(known) * np.sqrt(2 * reach * (np.sqrt(1 + known**2 / reach) - 1)))
-
-
-def _differentiate(function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int) -> FloatArray:
-    """Derivative with respect to the first ``count`` parameters by forward differences, shape (residuals, count).
-
-    The step is small because priors of the pose are wide: with a step of a millionth of them the curvature of the
-    residuals would end the iterations too early.
-    """
-    step = 1e-8
-    base = function(z)
-    columns = [np.empty((base.size, 0))]
-    for index in range(count):
-        shift = np.zeros_like(z)
-        shift[index] = step
-        columns.append((function(z + shift) - base)[:, None] / step)
-    return np.concatenate(columns, axis=1)
-
-
-def _differentiate_centrally(function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int) -> FloatArray:
-    """Derivative of residuals that include a triangulation, whose rounding errors need a longer step.
-
-    Central differences, shape (residuals, count).
-    """
-    step = 1e-6
-    return np.stack(
-        [(function(z + shift) - function(z - shift)) / (2 * step) for shift in step * np.eye(z.size)[:count]], axis=1
-    )
-
-
-def _factor_prior(covariance: FloatArray) -> FloatArray:
-    """Factor L with ``covariance = L L^T``, without the columns of parameters that are held fixed."""
-    free = np.flatnonzero(np.diag(covariance) > 0)
-    factor = np.zeros((covariance.shape[0], free.size))
-    if free.size:
-        scale = np.sqrt(np.diag(covariance)[free])
-        correlation = covariance[np.ix_(free, free)] / np.outer(scale, scale)
-        # A prior that comes from an earlier adjustment may be singular to rounding.
-        lower = cholesky(correlation + 1e-12 * np.eye(free.size), lower=True)
-        factor[free] = scale[:, None] * lower
-    return factor
-
-
-def _list_epipolar_errors(groups: Sequence[CellMatches], rig: Rig) -> Iterator[tuple[CellMatches, FloatArray]]:
-    """Groups of matches with the Sampson error of each match, shape (N,) [px]."""
-    for group in groups:
-        m = group.matches
-        yield group, sampson_error(m.points_first, m.points_second, rig, first=m.first, second=m.second)
-
-
-def _cell_medians(errors: FloatArray, cell: IntArray) -> FloatArray:
-    """Median of the errors (N, ...) of each cell, shape (cells, ...)."""
-    return np.array([np.nanmedian(errors[cell == one], axis=0) for one in np.unique(cell)])

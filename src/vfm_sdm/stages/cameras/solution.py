@@ -17,6 +17,7 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
+from vfm_sdm.stages.cameras.culprits import Suspect
 from vfm_sdm.stages.cameras.file import read_rig, write_rig
 from vfm_sdm.stages.cameras.site import SiteQuantity
 
@@ -37,7 +38,7 @@ class CameraSolution:
         Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when unknown.
     points
         Points dataset: pixels in the first frame of every view, shape (V, P, 2) [px], and why one is missing.
-    quantities, status, notes, epipolar_rms_px
+    quantities, status, notes, epipolar_rms_px, suspects
         As in `vfm_sdm.stages.cameras.site.SiteAdjustment`.
     """
 
@@ -49,6 +50,7 @@ class CameraSolution:
     status: str = CameraStatus.OK
     notes: tuple[str, ...] = ()
     epipolar_rms_px: float = field(default=float("nan"))
+    suspects: tuple[Suspect, ...] = ()
 
 
 def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path:
@@ -77,6 +79,7 @@ def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path
         "point_std": _by_view(solution.points["position_std"]),
         "point_status": _by_view(solution.points["status"]),
         "quantity": [asdict(q) for q in solution.quantities],
+        "suspect": [asdict(one) for one in solution.suspects],
     }
     if solution.frame is not None:
         site["structure_from_cam1"] = solution.frame.rotation.tolist()
@@ -125,6 +128,7 @@ def read_solution(path: Path | str) -> tuple[CameraSolution, str]:
             status=site["status"],
             notes=tuple(site["notes"]),
             epipolar_rms_px=site["epipolar_rms_px"],
+            suspects=tuple(Suspect(**one) for one in site.get("suspect", [])),
         )
     except FileNotFoundError as error:
         raise ResultsError(f"{file}: expected cameras.toml, got no such file; run `vfm-sdm cameras` first") from error

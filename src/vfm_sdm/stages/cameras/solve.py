@@ -93,6 +93,7 @@ def solve_cameras(
         status=adjusted.status if estimate.status == CameraStatus.OK else estimate.status,
         notes=tuple(notes),
         epipolar_rms_px=adjusted.epipolar_rms_px,
+        suspects=adjusted.suspects,
     )
 
 

@@ -133,19 +133,21 @@ def prepare_subsets(
     >>> prepared.pixels.shape, prepared.usable.tolist()
     ((1, 3, 441), [True])
     """
+    # Of all points together: a batch without shading has as many surfaces, of zeros.
+    shading = _stack_shading(designs, len(centers), half)
 
     def prepare(start: int) -> tuple[npt.NDArray[Any], ...]:
         some = slice(start, start + _BATCH)
-        return _prepare(reference, centers[some], offsets[some], half, None if designs is None else designs[some])
+        chosen = None if designs is None else designs[some]
+        return _prepare(reference, centers[some], offsets[some], half, chosen, shading[some])
 
     starts = range(0, max(len(centers), 1), _BATCH)
     parts = map(prepare, starts) if executor is None else executor.map(prepare, starts)
     pixels, moments, matrices, *others = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    shading = _stack_shading(designs, len(centers), half).astype(np.float32)
     masks = _believed(designs)
     grid = _offset_grid(half).astype(np.float32)
     believed = np.empty((0, grid.shape[1]), np.float32) if masks is None else masks.astype(np.float32)
-    return ReferenceSubsets(pixels, moments, matrices, grid, believed, shading, *others)
+    return ReferenceSubsets(pixels, moments, matrices, grid, believed, shading.astype(np.float32), *others)
 
 
 def _believed(designs: Sequence[SubsetDesign] | None) -> BoolArray | None:
@@ -204,6 +206,7 @@ def _prepare(
     offsets: FloatArray,
     half: int,
     designs: Sequence[SubsetDesign] | None,
+    shading: FloatArray,
 ) -> tuple[npt.NDArray[Any], ...]:
     """The fields of `ReferenceSubsets` without grid and masks, for one batch of points."""
     windows = _cut_windows(reference, centers, half + _MARGIN)
@@ -211,7 +214,7 @@ def _prepare(
     points, side2 = len(centers), (2 * half + 1) ** 2
     gray = windows[core].reshape(points, side2)
     plain, smooth = ([g.reshape(points, side2) for g in kind] for kind in _compute_gradients(windows))
-    count, believed, shading = np.full(points, side2), _believed(designs), _stack_shading(designs, points, half)
+    count, believed = np.full(points, side2), _believed(designs)
     if believed is None:
         template = gray - gray.mean(axis=1, keepdims=True)
     else:

@@ -8,8 +8,10 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.stages.registration.kernels import FAILED
-from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, DISTINCT_PX, correlation_peaks, cut_subset, has_rival
+from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, DISTINCT_PX, correlation_peaks, has_rival
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
+from vfm_sdm.stages.tracking.templates import WarpedTemplates
+from vfm_sdm.stages.tracking.whereabouts import Disc, LookAlikes, Sighting, Whereabouts, judge_sighting
 
 __all__ = ["LOOK_ALIKE", "FollowSettings", "Follower"]
 
@@ -20,6 +22,8 @@ _BORDER_PX = 5.0  # a subset that vanishes further from the border, and was not 
 _SAFE_PX = DISTINCT_PX / 2
 _PEAKS = 4  # places that a search tries: the best, and rivals that would make it ambiguous
 _PEAKS_IN_REFERENCE = 12  # more, because the nearest look-alike counts there, not the best
+_FAR, _PEAKS_FAR = 8, 64
+"""How many search radii around a point that was lost look-alikes are known of, and how many of them."""
 
 
 @dataclass(frozen=True)
@@ -64,19 +68,23 @@ class Follower:
 
     def __init__(self, bank: SubsetBank, reference: LumaArray, settings: FollowSettings, executor: Executor) -> None:
         self._bank, self._settings, self._executor = bank, settings, executor
-        self._half, self._designs = bank.subset_px // 2, bank.designs or (None,) * len(bank)
-        usable = np.flatnonzero(bank.usable).tolist()
-        self._cuts = {p: cut_subset(reference, bank.centers[p], int(self._half[p])) for p in usable}
+        self._half = bank.subset_px // 2
         identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(bank), 1))
         self._last = np.concatenate([bank.centers, identity], axis=1)  # warps where each was found last
         self._step = np.zeros((len(bank), 2))  # motion over the last two frames, where both were found
         self._seen = bank.usable.copy()
         self._outside = ~bank.inside
         self._reference = reference.copy()
+        self._templates = WarpedTemplates(self._reference, bank)
         self._reach = np.full(len(bank), np.nan)  # filled in for a point when it first takes a step that matters
+        self._alike: dict[int, LookAlikes] = {}  # filled in for a point when it is first found again
+        self._unsure = np.zeros(len(bank), np.bool_)
+        self._whereabouts = Whereabouts(self._last[:, :2].copy(), settings.search_radius_px)
 
     def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> tuple[RawRegistration, IntArray]:
-        """Registrations in the next frame, and their status: ok, lost or outside, shape (P,).
+        """Registrations in the next frame, and their status: ok, lost, outside or unreliable, shape (P,).
+
+        Unreliable is a point that was lost, where what was found may be another one that looks like it.
 
         Parameters
         ----------
@@ -98,16 +106,43 @@ class Follower:
         found = continuous & (raw.correlation >= self._settings.reliable_correlation)
         left = raw.outside & (self._clearance(start, luma) <= np.hypot(*self._step.T) + _BORDER_PX)
         followed = found.copy()
+        now = np.where((found & self._seen & ~self._unsure)[:, None], raw.warps[:, :2], np.nan)
         doubtful = np.flatnonzero(~found & self._bank.usable)
         if doubtful.size:
-            self._search(luma, doubtful, raw, continuous=continuous, found=found)
+            self._search(luma, doubtful, raw, continuous=continuous, found=found, now=now)
+        self._judge_sightings(np.flatnonzero(found & (~followed | ~self._seen | self._unsure)), raw, found, now)
         raw.outcome[~found, 0], raw.outcome[~found, 2] = FAILED, np.nan
         # A jump that the search bridged says nothing about the next step.
         steady = found & self._seen & followed
         self._step = np.where(steady[:, None], raw.warps[:, :2] - self._last[:, :2], 0.0)
         self._last[found] = raw.warps[found]
         self._seen, self._outside = found, ~found & (left | self._outside)
-        return raw, np.where(found, Status.OK, np.where(self._outside, Status.OUTSIDE, Status.LOST))
+        self._whereabouts.add(np.where((found & ~self._unsure)[:, None], raw.warps[:, :2], np.nan))
+        missing = np.where(self._outside, Status.OUTSIDE, Status.LOST)
+        return raw, np.where(found, np.where(self._unsure, Status.UNRELIABLE, Status.OK), missing)
+
+    def _judge_sightings(self, rows: IntArray, raw: RawRegistration, found: BoolArray, now: FloatArray) -> None:
+        """Takes what cannot be the point out of what was ``found`` (P,), and keeps in mind what may be another.
+
+        ``now`` are the places of the points that were followed without a break, shape (P, 2) [px].
+        """
+        self._unsure &= found
+        for p in rows.tolist():
+            expected = self._whereabouts.expect(p, now)
+            sighting = self._judge(p, raw.warps[p, :2], float(raw.correlation[p]), expected)
+            self._unsure[p] = sighting == Sighting.UNSURE
+            if sighting == Sighting.OTHER:
+                found[p] = False
+                # The next search begins where the point itself may be.
+                self._last[p, :2] = expected.center
+
+    def _judge(self, p: int, place: FloatArray, correlation: float, expected: Disc) -> Sighting:
+        """Whether what was found at a place (2,) [px], with a correlation, is a point that was lost."""
+        if p not in self._alike:
+            radius_px = _FAR * self._settings.search_radius_px
+            _, away, alike = self._find_alike(np.array([p]), radius_px, _PEAKS_FAR)
+            self._alike[p] = LookAlikes(away, alike)
+        return judge_sighting(place, self._alike[p].as_good_as(correlation), expected)
 
     def _clearance(self, warps: FloatArray, luma: LumaArray) -> FloatArray:
         """Smallest distance between the subsets at these places and the border of the image, shape (P,) [px]."""
@@ -117,25 +152,43 @@ class Follower:
     def _register(self, luma: LumaArray, rows: IntArray, warps: FloatArray) -> RawRegistration:
         return self._bank.run(luma, rows, warps, max_iterations=self._settings.max_iterations, executor=self._executor)
 
-    def _peaks(self, luma: LumaArray, rows: IntArray, places: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
-        """Subset and centre (K, 2) of the correlation peaks around places (P, 2), for some of the P subsets."""
+    def _peaks(
+        self, luma: LumaArray, rows: IntArray, warps: FloatArray, radius_px: int, count: int
+    ) -> tuple[IntArray, FloatArray]:
+        """Subset and centre (K, 2) of the correlation peaks around warps (P, 6), for some of the P subsets."""
 
         def search(p: int) -> FloatArray:
-            radius_px, design = self._settings.search_radius_px, self._designs[p]
-            return correlation_peaks(self._cuts[p], luma, places[p], radius_px=radius_px, count=count, design=design)
+            template, design = self._templates.cut(p, warps[p, 2:])
+            return correlation_peaks(template, luma, warps[p, :2], radius_px=radius_px, count=count, design=design)
 
         centers = list(self._executor.map(search, rows.tolist()))
         owners = np.repeat(rows, [len(c) for c in centers])
         return owners, self._bank.hold_along_edges(owners, np.concatenate([np.empty((0, 2)), *centers]))
 
     def _search(
-        self, luma: LumaArray, doubtful: IntArray, raw: RawRegistration, *, continuous: BoolArray, found: BoolArray
+        self,
+        luma: LumaArray,
+        doubtful: IntArray,
+        raw: RawRegistration,
+        *,
+        continuous: BoolArray,
+        found: BoolArray,
+        now: FloatArray,
     ) -> None:
-        """Looks for subsets around where they were last; enters what is found into ``raw`` and ``found``."""
-        owners, centers = self._peaks(luma, doubtful, self._last[:, :2], _PEAKS)
+        """Looks for subsets around where they may be; enters what is found into ``raw`` and ``found``."""
+        around, expected = self._last.copy(), {}
+        for p in doubtful[~self._seen[doubtful]].tolist():
+            expected[p] = self._whereabouts.expect(p, now)
+            if expected[p].radius <= self._settings.search_radius_px:
+                around[p, :2] = expected[p].center
+        owners, centers = self._peaks(luma, doubtful, around, self._settings.search_radius_px, _PEAKS)
         tried = self._register(luma, owners, np.concatenate([centers, self._last[owners, 2:]], axis=1))
         scores = np.where(tried.converged, tried.correlation, -np.inf)
         own_scores = np.where(continuous, raw.correlation, -np.inf)
+        for k, p in enumerate(owners.tolist()):
+            if p in expected and scores[k] >= self._settings.minimum_correlation:
+                other = self._judge(p, tried.warps[k, :2], float(scores[k]), expected[p]) == Sighting.OTHER
+                scores[k] = -np.inf if other else scores[k]
         for p in doubtful:
             mine = np.flatnonzero(owners == p)
             score = scores[mine]
@@ -158,12 +211,20 @@ class Follower:
         """
         unknown = np.flatnonzero((moved > _SAFE_PX) & np.isnan(self._reach) & self._bank.usable)
         if unknown.size:
-            home = self._bank.centers.astype(np.float64)
-            owners, centers = self._peaks(self._reference, unknown, home, _PEAKS_IN_REFERENCE)
-            identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(owners), 1))
-            tried = self._register(self._reference, owners, np.concatenate([centers, identity], axis=1))
-            away = np.hypot(*(tried.warps[:, :2] - home[owners]).T)
-            alike = tried.converged & (tried.correlation >= LOOK_ALIKE) & (away > DISTINCT_PX)
-            self._reach[unknown] = self._settings.search_radius_px
-            np.minimum.at(self._reach, owners[alike], away[alike] / 2)
+            radius_px = self._settings.search_radius_px
+            owners, away, correlation = self._find_alike(unknown, radius_px, _PEAKS_IN_REFERENCE)
+            alike = correlation >= LOOK_ALIKE
+            self._reach[unknown] = radius_px
+            np.minimum.at(self._reach, owners[alike], np.hypot(*away[alike].T) / 2)
         return (moved <= _SAFE_PX) | (moved <= self._reach)
+
+    def _find_alike(self, rows: IntArray, radius_px: int, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Subset, vector (K, 2) [px] and correlation (K,) of places in the reference frame that resemble a subset."""
+        home = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 1.0], (len(self._bank), 1))
+        home[:, :2] = self._bank.centers
+        owners, centers = self._peaks(self._reference, rows, home, radius_px, count)
+        starts = np.concatenate([centers, home[owners, 2:]], axis=1)
+        tried = self._register(self._reference, owners, starts)
+        away = tried.warps[:, :2] - home[owners, :2]
+        apart = tried.converged & (np.hypot(*away.T) > DISTINCT_PX)
+        return owners[apart], away[apart], tried.correlation[apart]

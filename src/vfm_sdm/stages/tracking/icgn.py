@@ -199,7 +199,8 @@ class IcgnTracker:
         record, halves, parts = records[0]
         position, covariance, correlation, status = record.arrays()
         # Reliability is judged here, where the covariances are known.
-        lost = (status == Status.OK) & ~np.isfinite(covariance).all(axis=(2, 3)) | _find_covered(correlation, status)
+        found = (status == Status.OK) | (status == Status.UNRELIABLE)
+        lost = found & ~np.isfinite(covariance).all(axis=(2, 3)) | _find_covered(correlation, status)
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
         across = record.bank.edge_across

@@ -491,6 +491,7 @@ def test_what_is_not_known_is_none():
         "peak_to_peak_mm": None,
         "rms_mm": None,
         "random_std_mm": None,
+        "detection_limit_mm": None,
         "scale_std": 0.02,
         "expanded_uncertainty_mm": None,
         "budget_mm": None,

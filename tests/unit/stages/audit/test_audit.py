@@ -54,7 +54,7 @@ def test_a_good_measurement_is_not_refused(seed):
     assert found.verdict != Verdict.REFUSED, found.flagged
     # Noise without SGR may hide the lateral motion, and weak lenses leave the scale open; everything else passes.
     assert {check.name for check in found.flagged} <= {"signal to noise", "scale"}
-    assert (found["scale"].outcome == Outcome.PASS) == (found["scale"].value <= 0.05)
+    assert found["scale"].outcome == Outcome.CAUTION or found["scale"].value <= 0.05
 
 
 @pytest.mark.parametrize("fault", FAULTS)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from boards import make_rig
-from vfm_sdm.errors import CameraError
+from vfm_sdm.errors import CameraError, ResultsError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
 from vfm_sdm.geometry.rig_views import select_views
 from vfm_sdm.inputs.session import Session
@@ -86,8 +86,8 @@ class TestRoundTrip:
         def full_disk(self, *_, **__):
             raise OSError("disk full")
 
-        monkeypatch.setattr(Path, "write_text", full_disk)
-        with pytest.raises(OSError, match="disk full"):
+        monkeypatch.setattr(Path, "write_bytes", full_disk)
+        with pytest.raises(ResultsError, match="disk full"):
             write_rig(tmp_path / "cameras.toml", make_rig())
         assert list(tmp_path.iterdir()) == []
 

@@ -48,6 +48,16 @@ def test_the_default_design_is_the_square_with_an_affine_warp(texture, reference
     np.testing.assert_allclose(ratio, 1, atol=0.2)
 
 
+def test_shading_of_one_point_among_many_changes_no_other(texture, reference):
+    current = digitize(texture.image(SHIFT))
+    points = np.concatenate([POINTS, POINTS, POINTS])[:70]  # more than are prepared at one time
+    mixed = [SubsetDesign(31)] * 69 + [SubsetDesign(31, shading=3)]
+    found = SubsetBank.prepare(reference, points, designs=mixed).register(current, points)
+    plain = prepare(reference, points, SubsetDesign(31)).register(current, points)
+    np.testing.assert_allclose(found.position[:69], plain.position[:69], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found.position[69], points[69] + SHIFT, rtol=0, atol=0.02)
+
+
 @pytest.mark.parametrize("width_px", [0.7, 1.5])
 def test_noise_that_is_smooth_is_stated_as_such(width_px):
     """A codec leaves errors that neighbouring pixels share: they average out less."""

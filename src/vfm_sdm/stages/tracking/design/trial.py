@@ -131,4 +131,4 @@ class Trial:
 def _identify(design: SubsetDesign) -> tuple[object, ...]:
     """What tells a design from others."""
     across, mask = (None if array is None else array.tobytes() for array in (design.across, design.mask))
-    return design.subset_px, design.warp, across, mask, design.omitted_std
+    return design.subset_px, design.warp, across, mask, design.omitted_std, design.shading

@@ -1,0 +1,156 @@
+"""Calibration of the scale by simulation: intervals, contradictions and their culprits over many drawn sites.
+
+Sites, lenses, readings and matches are drawn with the standard deviations that the session states for them
+(`tests/measurements.py`), with fields of view of 14 to 90 degrees. The prior of the lenses is one of: none; true at 20,
+5 or 2 %; stated as 2 % and wrong by 10 to 50 % in both views, as with a wrong sensor width, or in one. Where it is true
+the share of scales inside their 95 % interval is the coverage; where it is false every scale has to be inside its
+interval or flagged, and the culprit named.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+import measurements as m  # noqa: E402
+from simulation import SIZE, gain_error, project_all  # noqa: E402
+from vfm_sdm.core.statuses import CameraStatus  # noqa: E402
+from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std  # noqa: E402
+from vfm_sdm.stages.audit.lenses import find_unseen_lens_error  # noqa: E402
+from vfm_sdm.stages.cameras.site_problem import ALL_FOCALS  # noqa: E402
+from vfm_sdm.stages.cameras.solution import CameraSolution  # noqa: E402
+
+PRIORS = ("none", "20 %", "5 %", "2 %", "both wrong", "one wrong")
+FALSE = ("both wrong", "one wrong")
+NORMAL_95, LIMIT, CAUTION = 1.96, 0.05, 4.0
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One site: error of the vertical scale, its stated standard deviation, and what was said of it."""
+
+    seed: int
+    prior: str
+    view_deg: float
+    wrong: float
+    wrong_view: str
+    error: float
+    std: float
+    status: str
+    contradiction: float
+    worst: str
+    culprit: str
+    unchecked: float
+    cpu_s: float
+
+    @property
+    def inside(self) -> bool:
+        return abs(self.error) <= NORMAL_95 * self.std
+
+    @property
+    def named_right(self) -> bool:
+        """Whether the first culprit is what is wrong."""
+        if self.prior == "both wrong":
+            return self.culprit == ALL_FOCALS
+        return self.culprit == f"focal {self.wrong_view}"
+
+    @property
+    def flagged(self) -> bool:
+        """Whether anything keeps the result from being fit to use."""
+        said = self.status != CameraStatus.OK or self.contradiction > CAUTION
+        return said or 2 * self.std > LIMIT or self.unchecked > LIMIT
+
+
+def draw(seed: int, prior: str) -> Draw:
+    """A site of this seed with this prior of its lenses."""
+    rng, noise, lens = (np.random.default_rng([seed, stream]) for stream in range(3))
+    view_deg = lens.uniform(14, 90)
+    true_px = SIZE[0] / 2 / np.tan(np.radians(view_deg) / 2)
+    wrong, wrong_view = 0.0, ""
+    if prior == "none":
+        focal, std = 1.2 * max(SIZE), 0.5
+        errors = np.log(focal / true_px) + lens.normal(0, 0.01, 2) * [0, 1]
+    else:
+        focal, std = true_px, 0.02 if prior in FALSE else float(prior.split(maxsplit=1)[0]) / 100
+        errors = lens.normal(0, std, 2)
+        if prior in FALSE:
+            wrong = float(lens.choice([-1, 1]) * lens.uniform(np.log(1.1), np.log(1.5)))
+            # All that is noted of a lens is one focal length for both, and `Conditions` states errors of the noted one.
+            chosen = np.ones(2) if prior == "both wrong" else np.eye(2)[lens.integers(2)]
+            errors = errors + wrong * chosen
+            focal = true_px * np.exp(wrong) if prior == "both wrong" else true_px
+            wrong_view = m.VIEWS[int(chosen.argmax())]
+    drawn = m.draw_conditions(rng)
+    corner_std = float(lens.choice([0.0, 0.025]))
+    c = replace(
+        drawn, focal_px=float(focal), focal_std=std, focal_errors=tuple(float(e) for e in errors),
+        distortion_std=corner_std, distortion_errors=tuple(lens.normal(0, corner_std, 2) if corner_std else (0.0, 0.0)),
+        duration_s=0.5,
+    )  # fmt: skip
+    start = time.process_time()
+    rig, frame, pitch = m._true_rig(c, noise)
+    points3d = m._place_points(rig, frame, c, noise)
+    clicked = project_all(rig, points3d) + noise.normal(0, 0.5, (2, len(points3d), 2))
+    session = m._session(c, rig, points3d, clicked, pitch, "none")
+    solution = m._solve(c, session, rig, clicked, noise)
+    cpu_s = time.process_time() - start
+    sensitivity = compute_gain_sensitivity(project_all(rig, points3d[:1]), solution.rig)
+    stated = np.diag(compute_gain_std(sensitivity, np.eye(3), solution.covariance)[0])
+    off = max(solution.quantities, key=lambda q: q.contradiction)
+    suspects = solution.suspects
+    error = float(gain_error(rig, solution.rig, points3d[0])[1])
+    return Draw(
+        seed, prior, view_deg, wrong, wrong_view, error, float(stated[1]),
+        str(solution.status), off.contradiction, off.name, suspects[0].name if suspects else "",
+        float(unchecked(solution, sensitivity)), cpu_s,
+    )  # fmt: skip
+
+
+def unchecked(solution: CameraSolution, sensitivity: np.ndarray) -> float:
+    """Error of the vertical scale that a wrong lens could cause unseen [1]."""
+    return find_unseen_lens_error(solution, np.pad(sensitivity[0, :, 1, 1], (0, 3)))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draws", type=int, default=10, help="sites for each prior")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--priors", nargs="+", default=PRIORS)
+    parser.add_argument("--verbose", action="store_true")
+    options = parser.parse_args(arguments)
+    summary = {}
+    for prior in options.priors:
+        found = []
+        for seed in range(options.first, options.first + options.draws):
+            with threadpool_limits(1):
+                found.append(draw(seed, prior))
+            if options.verbose:
+                d = found[-1]
+                print(f"{d.seed:4d} {prior:10s} view {d.view_deg:3.0f} wrong {d.wrong:+.2f} error {d.error:+.3f} "
+                      f"std {d.std:.3f} ({d.error / d.std:+5.1f}) {'in ' if d.inside else 'OUT'} "
+                      f"{'flag' if d.flagged else '    '} {d.status[:22]:22s} w {d.contradiction:5.1f} {d.worst:26s} "
+                      f"culprit {d.culprit} unchecked {d.unchecked:.3f} {d.cpu_s:.1f} s", flush=True)  # fmt: skip
+        summary[prior] = row = {
+            "draws": len(found),
+            "inside": float(np.mean([d.inside for d in found])),
+            "inside_or_flagged": float(np.mean([d.inside or d.flagged for d in found])),
+            "flagged": float(np.mean([d.flagged for d in found])),
+            "care_though_inside_5_%": float(np.mean([d.flagged and 2 * d.std <= LIMIT for d in found])),
+            "culprit_right": float(np.mean([d.named_right for d in found if d.culprit] or [np.nan])),
+            "median_std": float(np.median([d.std for d in found])),
+        }
+        print(f"{prior:10s} " + ", ".join(f"{k} {v:.3g}" for k, v in row.items()), flush=True)
+    print(json.dumps(summary))
+
+
+if __name__ == "__main__":
+    main()
