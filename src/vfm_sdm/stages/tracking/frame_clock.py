@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.stats import theilslopes
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.core.datasets import Status
@@ -18,18 +19,22 @@ _STD_FLOOR_PX = 2e-3
 _CLEAR = 50.0
 """Expected squared step over its noise from which on a step is clear: its ratio is then known to 1/7."""
 _NOISE_SHARE = 4.0
-_STOPPED = 0.15
-"""Share of the expected squared step below which a frame shows what the one before showed."""
+_STOPPED = 0.1
+"""Share of the smaller squared step before and after it below which a frame shows what the one before showed."""
 _AS_ELSEWHERE = 0.25
 """Share of the usual squared step that must be expected: near a turning point motions of two kinds may cancel."""
 _SKIP = 16.0
 """Squared bend of the motion over the largest about it from which on frames are missing there: four times."""
-_LARGER = 1.5
+_LARGER = 2.5
+"""Squared step over the larger of those before and after it: over one missing frame it is four."""
 _ABOUT = 15
 """Frames to each side over which a bend is compared: half a second."""
 _CADENCE = 1.0
-"""Largest standard deviation of the distance of repeats, in frames, of a rate conversion: it rounds to a frame."""
+"""Distance in frames of a repeat from an even cadence: a conversion of the rate rounds to a frame."""
 _FEWEST_REPEATS = 4
+_SHORTEST_CADENCE = 1.5
+_MOST = 0.75
+"""Share of the repeats found that must keep an even distance."""
 _ROUNDED = 0.05
 """Share of an interval by which containers round stamps."""
 _SMOOTHER = 0.5
@@ -152,14 +157,17 @@ def find_repeats(step: npt.NDArray[np.float64], usable: npt.NDArray[np.bool_]) -
     [21]
     """
     count = step.shape[1]
-    expected = np.nan_to_num(_expected(step))
-    energy = (expected**2).sum(axis=1) - count
-    found = (step**2).sum(axis=1)
-    usual = float(np.median(np.maximum(found[usable] - count, 0.0))) if usable.any() else np.inf
-    if not _is_smooth(step, expected, usable):
+    if not _is_smooth(step, np.nan_to_num(_expected(step)), usable):
         return np.zeros(0, np.int64)
-    clear = (energy > max(_CLEAR, _NOISE_SHARE * count)) & (energy > _AS_ELSEWHERE * usual)
-    return np.flatnonzero(clear & usable & (found < _STOPPED * energy)) + 1
+    found = (step**2).sum(axis=1)
+    usual = float(np.median(np.maximum(found[usable] - count, 0.0)))
+    # Both neighbours must say that the points move, and the same way: a jump on one side says nothing.
+    moved = np.zeros(len(step))
+    moved[1:-1] = np.minimum(found[:-2], found[2:]) - count
+    onward = np.zeros(len(step), np.bool_)
+    onward[1:-1] = (step[:-2] * step[2:]).sum(axis=1) > _SMOOTH * np.sqrt(found[:-2] * found[2:])
+    clear = onward & (moved > max(_CLEAR, _NOISE_SHARE * count)) & (moved > _AS_ELSEWHERE * usual)
+    return np.flatnonzero(clear & usable & (found < _STOPPED * moved)) + 1
 
 
 def _is_smooth(step: FloatArray, expected: FloatArray, usable: BoolArray) -> bool:
@@ -187,8 +195,8 @@ def find_skips(step: npt.NDArray[np.float64], usable: npt.NDArray[np.bool_]) -> 
 
     Notes
     -----
-    Where an impact sets a structure in motion, its speed changes at once, but the step lies between those before and
-    after it. Over missing frames it is larger than both.
+    Where an impact sets a structure in motion, its speed changes at once, but nothing moved before, or the step lies
+    between those before and after it. Over missing frames of a structure that moves it is larger than both.
 
     Examples
     --------
@@ -204,15 +212,16 @@ def find_skips(step: npt.NDArray[np.float64], usable: npt.NDArray[np.bool_]) -> 
     if not _is_smooth(step, expected, usable):
         return np.zeros(0, np.int64)
     bend[:2] = bend[-2:] = 0.0
-    for k in np.flatnonzero(usable & (bend > max(_CLEAR, _NOISE_SHARE * count))).tolist():
+    clear = max(_CLEAR, _NOISE_SHARE * count)
+    for k in np.flatnonzero(usable & (bend > clear)).tolist():
         first, last = max(k - _ABOUT, 0), k + _ABOUT + 1
         # What is missing bends the motion of the two frames to either side as well.
         about = np.concatenate([bend[first : max(k - 2, first)], bend[k + 3 : last]])
-        sides = max(energy[k - 1], energy[k + 1])
+        least, sides = sorted((energy[k - 1], energy[k + 1]))
         # One point alone that jumps is a track that slipped.
         apart = (step[k] - expected[k]) ** 2
         together = apart.max() < 0.9 * bend[k] or count <= 2
-        if about.size and bend[k] > _SKIP * about.max() and energy[k] > _LARGER * sides and together:
+        if about.size and bend[k] > _SKIP * about.max() and energy[k] > _LARGER * sides and together and least > clear:
             found.append(k + 1)
     return np.array(found, np.int64)
 
@@ -220,22 +229,14 @@ def find_skips(step: npt.NDArray[np.float64], usable: npt.NDArray[np.bool_]) -> 
 def _without_repeats(tracks: xr.Dataset, repeats: IntArray, facts: dict[str, Any]) -> xr.Dataset:
     """Tracks without what a conversion of the rate put in; single repeats are marked."""
     time_s = tracks["time"].values
-    gaps = np.diff(repeats)
-    whole = np.rint(gaps / np.median(gaps)) if gaps.size else gaps
-    even = gaps.size >= _FEWEST_REPEATS - 1 and bool(
-        (np.abs(gaps / np.maximum(whole, 1) - np.median(gaps)) <= _CADENCE).all()
-    )
-    cadence = float(np.median(gaps / np.maximum(whole, 1))) if even else np.nan
-    if even and not _catches_up(tracks, repeats):
-        # Near turning points nothing shows a repeat; the cadence does.
-        first = int(repeats[0] - np.floor(repeats[0] / cadence) * cadence)
-        inserted = _fill(repeats, cadence, len(time_s), first)
+    inserted = _find_cadence(repeats, len(time_s))
+    if inserted is not None and not _catches_up(tracks, inserted):
         keep = np.setdiff1d(np.arange(len(time_s)), inserted)
         interval = float(np.polyfit(np.arange(keep.size), time_s[keep], 1)[0])
         facts["repeated"] = int(inserted.size)
         facts["remarks"].append(
-            f"every {cadence:.3g}th frame repeats the one before: converted from {1 / interval:.4g} frames "
-            f"a second; {inserted.size} repeated frames are left out and the others are an even time apart"
+            f"every {np.diff(inserted).mean():.3g}th frame repeats the one before: converted from {1 / interval:.4g} "
+            f"frames a second; {inserted.size} repeated frames are left out and the others are an even time apart"
         )
         return tracks.isel(time=keep).assign_coords(
             time=("time", time_s[0] + np.arange(keep.size) * interval, tracks["time"].attrs)
@@ -251,16 +252,33 @@ def _without_repeats(tracks: xr.Dataset, repeats: IntArray, facts: dict[str, Any
     return tracks.assign(status=tracks["status"].copy(data=status))
 
 
-def _fill(repeats: IntArray, cadence: float, frames: int, first: int) -> IntArray:
-    """Frames at an even distance through those that were found, from the first to the last of all."""
-    numbers = np.rint((repeats - repeats[0]) / cadence)
-    slope, start = np.polyfit(numbers, repeats, 1) if len(repeats) > 1 else (cadence, float(repeats[0]))
-    wanted = np.arange(-np.floor(start / slope), np.ceil((frames - start) / slope) + 1) * slope + start
-    filled = np.rint(wanted).astype(np.int64)
-    # Where one was found, that is the one.
-    near = np.abs(filled[:, None] - repeats[None]).min(axis=1) <= 1
-    filled = np.union1d(filled[~near], repeats)
-    return np.asarray(filled[(filled > 0) & (filled < frames)])
+def _find_cadence(repeats: IntArray, frames: int) -> IntArray | None:
+    """All repeats of a conversion of the rate, found or not; ``None`` where those found keep no even distance.
+
+    Near turning points nothing shows a repeat, and there others are taken for one: the cadence decides.
+    """
+    gaps = np.diff(repeats)
+    if gaps.size < _FEWEST_REPEATS - 1:
+        return None
+    # Counted from the one in the middle.
+    numbers = np.rint((repeats - repeats[len(repeats) // 2]) / np.median(gaps))
+    if np.unique(numbers).size < _FEWEST_REPEATS - 1:
+        return None
+    slope, start, _, _ = theilslopes(repeats, numbers)
+    fits = repeats[np.abs(repeats - start - slope * numbers) <= _CADENCE]
+    if slope < _SHORTEST_CADENCE or len(fits) < max(_FEWEST_REPEATS, _MOST * len(repeats)):
+        return None
+    whole = round(slope)
+    if abs(slope - whole) * frames / slope < 1:
+        # As many frames apart each time: all where most are.
+        phases, often = np.unique(fits % whole, return_counts=True)
+        inserted = np.arange(phases[np.argmax(often)], frames, whole)
+        return np.asarray(inserted[inserted > 0])
+    first, last = np.ceil((1 - start) / slope), np.floor((frames - 1 - start) / slope)
+    line = start + slope * np.arange(first, last + 1)
+    apart = np.abs(line[:, None] - fits[None])
+    nearest = fits[apart.argmin(axis=1)]
+    return np.unique(np.where(apart.min(axis=1) <= _CADENCE, nearest, np.rint(line).astype(np.int64)))
 
 
 def _catches_up(tracks: xr.Dataset, repeats: IntArray) -> bool:
