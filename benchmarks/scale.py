@@ -9,6 +9,7 @@ interval or flagged, and the culprit named.
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -127,29 +128,37 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--priors", nargs="+", default=PRIORS)
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args(arguments)
-    summary = {}
+    names = ("inside", "inside_or_flagged", "flagged", "care_though_inside", "culprit_right")
+    print(f"{'prior of the lenses':20s}  {'draws':>5s}" + "".join(f"  {name:>18s}" for name in names))
+    summary: dict[str, object] = {"pairs": options.draws, "processors": os.cpu_count()}
+    cpu_s = []
     for prior in options.priors:
         found = []
         for seed in range(options.first, options.first + options.draws):
             with threadpool_limits(1):
                 found.append(draw(seed, prior))
             if options.verbose:
-                d = found[-1]
-                print(f"{d.seed:4d} {prior:10s} view {d.view_deg:3.0f} wrong {d.wrong:+.2f} error {d.error:+.3f} "
-                      f"std {d.std:.3f} ({d.error / d.std:+5.1f}) {'in ' if d.inside else 'OUT'} "
-                      f"{'flag' if d.flagged else '    '} {d.status[:22]:22s} w {d.contradiction:5.1f} {d.worst:26s} "
-                      f"culprit {d.culprit} unchecked {d.unchecked:.3f} {d.cpu_s:.1f} s", flush=True)  # fmt: skip
-        summary[prior] = row = {
-            "draws": len(found),
-            "inside": float(np.mean([d.inside for d in found])),
-            "inside_or_flagged": float(np.mean([d.inside or d.flagged for d in found])),
-            "flagged": float(np.mean([d.flagged for d in found])),
-            "care_though_inside_5_%": float(np.mean([d.flagged and 2 * d.std <= LIMIT for d in found])),
-            "culprit_right": float(np.mean([d.named_right for d in found if d.culprit] or [np.nan])),
-            "median_std": float(np.median([d.std for d in found])),
-        }
-        print(f"{prior:10s} " + ", ".join(f"{k} {v:.3g}" for k, v in row.items()), flush=True)
+                print(describe(found[-1]), flush=True)
+        shares = (
+            np.mean([d.inside for d in found]),
+            np.mean([d.inside or d.flagged for d in found]),
+            np.mean([d.flagged for d in found]),
+            np.mean([d.flagged and 2 * d.std <= LIMIT for d in found]),
+            np.mean([d.named_right for d in found if d.culprit] or [0.0]),
+        )
+        cpu_s += [d.cpu_s for d in found]
+        print(f"{prior:20s}  {len(found):5d}" + "".join(f"  {share:18.3f}" for share in shares), flush=True)
+        summary[prior] = {f"{name}_share": float(share) for name, share in zip(names, shares, strict=True)}
+    summary["cpu_mean_s"] = float(np.mean(cpu_s))
     print(json.dumps(summary))
+
+
+def describe(d: Draw) -> str:
+    return (
+        f"{d.seed:4d} {d.prior:10s} view {d.view_deg:3.0f} wrong {d.wrong:+.2f} error {d.error:+.3f} std {d.std:.3f} "
+        f"{'in ' if d.inside else 'OUT'} {'flag' if d.flagged else '    '} {d.status[:22]:22s} "
+        f"w {d.contradiction:5.1f} {d.worst:26s} culprit {d.culprit} unchecked {d.unchecked:.3f}"
+    )
 
 
 if __name__ == "__main__":

@@ -165,7 +165,7 @@ def settings_read(kind: Kind, method: object) -> dict[str, Any]:
     >>> settings_read("trackers", Method(subset_px=31))
     {'tracker': 'icgn', 'subset_px': 31}
     >>> settings_read("cameras", Method(cameras="sfm"))
-    {'cameras': 'sfm', 'matching': 'auto', 'network.device': 'auto'}
+    {'cameras': 'sfm', 'matching': 'sift'}
     """
     settings: dict[str, Any] = {KINDS[kind].field: chosen_name(kind, method)}
     for (_, name), part in parts_of(kind, chosen_name(kind, method), method).items():
