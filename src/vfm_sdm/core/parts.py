@@ -262,6 +262,7 @@ _CHECKS = {
     "static-points": Part(_AUDIT + "tracks:check_static_points"),
     "camera-motion": Part(_AUDIT + "tracks:check_camera_motion"),
     "stabilization": Part(_AUDIT + "tracks:check_stabilization"),
+    "still-interval": Part(_AUDIT + "still:check_still_interval"),
     "signal": Part(_AUDIT + "signal:check_signal"),
     "gain": Part(_AUDIT + "signal:check_gain"),
     "recording": Part(_AUDIT + "signal:check_recording"),

@@ -19,6 +19,7 @@ from vfm_sdm.stages.audit.clocks import check_drift, check_synchronization
 from vfm_sdm.stages.audit.geometry import check_agreement, check_baseline, check_site
 from vfm_sdm.stages.audit.model import AuditInputs
 from vfm_sdm.stages.audit.signal import check_gain, check_recording, check_refinement, check_signal
+from vfm_sdm.stages.audit.still import check_still_interval
 from vfm_sdm.stages.audit.tracks import (
     check_camera_motion,
     check_frozen,
@@ -140,6 +141,34 @@ def test_signal_to_noise(amplitudes, outcome):
     assert found.outcome == outcome
     if outcome == Outcome.CAUTION:
         assert found.where == "lateral of mid"
+
+
+@pytest.mark.parametrize(
+    ("interval", "outcome"), [((0.0, 1.0), Outcome.PASS), ((0.0, 0.2), Outcome.PASS), ((3.0, 3.2), Outcome.FAIL)]
+)
+def test_still_interval(interval, outcome):
+    found = check_still_interval(
+        AuditInputs(
+            session=session(still_interval_s=interval),
+            displacement=at_rest_first(),
+            aligned=aligned(),
+            tracks={},
+            cameras=cameras(),
+        )
+    )
+    assert found.outcome == outcome
+
+
+def test_no_still_interval_no_check():
+    assert check_still_interval(AuditInputs(session=session(), displacement=displacement())) is None
+
+
+def at_rest_first():
+    """Displacement that begins after a second."""
+    found = displacement()
+    noise = np.random.default_rng(2).normal(0, 0.01, found["displacement"].shape)
+    moving = (TIME_S > 1)[:, None, None]
+    return found.assign(displacement=found["displacement"].copy(data=np.where(moving, found["displacement"], noise)))
 
 
 @pytest.mark.parametrize(("wall_mm", "outcome"), [(0.0, Outcome.PASS), (0.8, Outcome.CAUTION), (3.0, Outcome.FAIL)])
