@@ -34,7 +34,7 @@ def check_still_interval(inputs: AuditInputs) -> AuditCheck | None:
     found: dict[str, float] = {}
     for axis in axes:
         air = [x for p in inputs.static if np.isfinite(x := _excess(inputs, p, axis, still)[0])]
-        least = max(0.0, *air)
+        least = max([0.0, *air])
         for point in inputs.moving:
             within, noise = _excess(inputs, point, axis, still)
             whole, _ = _excess(inputs, point, axis, np.ones(len(time_s), np.bool_))
