@@ -19,6 +19,7 @@ __all__ = [
     "compute_place_sensitivity",
     "compute_position_covariance",
     "projection_jacobian",
+    "step_parameters",
     "triangulation_jacobian",
 ]
 
@@ -95,6 +96,38 @@ def compute_position_covariance(jacobian: FloatArray, pixel_covariance: npt.Arra
     return np.asarray(np.einsum("pivk,vtpkl,pjvl->tpij", jacobian, covariance, jacobian, optimize=True))
 
 
+def step_parameters(rig: Rig) -> Iterator[tuple[float, Rig, Rig]]:
+    """Rigs a step ahead and back along each camera parameter, for central differences.
+
+    Parameters
+    ----------
+    rig
+        V cameras.
+
+    Yields
+    ------
+    step, ahead, back
+        Size of the step in the unit of the parameter, and the two rigs; 10 V of them, in the order of the rig's
+        covariance.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480))
+    >>> right = Camera(left.K, (640, 480), cam_from_world=np.array([[1.0, 0, 0, -4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right))
+    >>> step, ahead, back = next(step_parameters(rig))
+    >>> round(float(np.log(ahead.cameras[0].focal_px / back.cameras[0].focal_px) / (2 * step)), 6)
+    1.0
+    """
+    size = len(CAMERA_PARAMETERS)
+    lengths = np.full(3, 1e-4 * max(rig.baseline(), 1e-12))
+    for index, step in enumerate(np.tile(np.concatenate([_PARAMETER_STEP, lengths]), len(rig))):
+        delta = np.zeros(size * len(rig))
+        delta[index] = step
+        yield float(step), rig.perturbed(delta), rig.perturbed(-delta)
+
+
 def compute_gain_sensitivity(
     points2d: npt.ArrayLike,
     rig: Rig,
@@ -126,15 +159,9 @@ def compute_gain_sensitivity(
     u = as_float_array(points2d, "points2d", (len(rig), None, 2))
     measure = partial(triangulation_jacobian, weights=weights) if jacobian_of is None else jacobian_of
     projection = _project_motion(u, rig, weights)
-    size = len(CAMERA_PARAMETERS)
-    lengths = np.full(3, 1e-4 * max(rig.baseline(), 1e-12))
-    steps = np.tile(np.concatenate([_PARAMETER_STEP, lengths]), len(rig))
-    sensitivity = np.empty((u.shape[1], size * len(rig), 3, 3))
-    for index, step in enumerate(steps):
-        delta = np.zeros(size * len(rig))
-        delta[index] = step
-        ahead, back = (measure(u, rig.perturbed(sign * delta)) for sign in (1, -1))
-        sensitivity[:, index] = _change_of_gain(ahead, back, step, projection)
+    sensitivity = np.empty((u.shape[1], len(CAMERA_PARAMETERS) * len(rig), 3, 3))
+    for index, (step, ahead, back) in enumerate(step_parameters(rig)):
+        sensitivity[:, index] = _change_of_gain(measure(u, ahead), measure(u, back), step, projection)
     return sensitivity
 
 

@@ -257,6 +257,14 @@ class AuditInputs:
         often = dict(zip(self.aligned["point"].values.tolist(), found.mean(axis=0) > 0.5, strict=True))
         return [p.name for p in self.session.point if p.static and often.get(p.name, False)]
 
+    @property
+    def judged_axes(self) -> list[str]:
+        """Axes whose displacement is judged: not along the view, and not the one that the refinement suppresses."""
+        method = self.session.method
+        suppressed = method.sgr.suppressed_axis if method.refinement == "sgr" else ""
+        axes = [str(axis) for axis in self.displacement["axis"].values]
+        return [axis for axis in axes if axis not in (suppressed, "longitudinal", "forward")]
+
     def motion_px(self, view: str) -> FloatArray:
         """Root mean square motion of the structure's P points in a view, without the stated noise, shape (P,) [px].
 

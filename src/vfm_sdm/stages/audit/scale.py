@@ -10,7 +10,7 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
-from vfm_sdm.geometry.propagation import compute_gain_sensitivity, triangulation_jacobian
+from vfm_sdm.geometry.propagation import compute_gain_sensitivity, step_parameters, triangulation_jacobian
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.stages.audit.lenses import find_unseen_lens_error
 from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs
@@ -28,8 +28,6 @@ _LENS_STD = 0.003
 """Relative standard deviation of a focal length that was calibrated [1]."""
 _WORTH_SAYING = 0.8
 """Share of today's uncertainty that a reading must leave at most to be worth a visit [1]."""
-_ANGLE_STEP = 1e-4
-"""Step of what has no unit or is an angle: clear of rounding, and small enough to stay linear."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,7 @@ def _list_slopes(inputs: AuditInputs, point: str) -> list[FloatArray]:
         return []
     rotation = np.eye(3) if cameras.frame is None else cameras.frame.rotation
     axes = [str(a) for a in inputs.displacement["axis"].values]
-    directions = rotation[[axes.index(axis) for axis in _list_axes(inputs)]]
+    directions = rotation[[axes.index(axis) for axis in inputs.judged_axes]]
     return [_differentiate_scale(cameras.rig, pixels[:, names.index(point)], one) for one in directions]
 
 
@@ -144,7 +142,7 @@ def _advise_check(inputs: AuditInputs, point: str) -> str:
 def _find_worst(inputs: AuditInputs) -> tuple[str, str, float] | None:
     """Point, axis and expanded relative uncertainty of its scale; ``None`` where none is known."""
     data = inputs.displacement.sel(point=inputs.moving)
-    axes = _list_axes(inputs)
+    axes = inputs.judged_axes
     chosen = data.sel(axis=axes)
     measured = ((chosen["status"] == Status.OK) & np.isfinite(chosen["displacement"])).any("time")
     stds = chosen["scale_std"].where(measured).values
@@ -152,13 +150,6 @@ def _find_worst(inputs: AuditInputs) -> tuple[str, str, float] | None:
         return None
     row, column = np.unravel_index(int(np.nanargmax(stds)), stds.shape)
     return inputs.moving[row], axes[column], COVERAGE_FACTOR * float(stds[row, column])
-
-
-def _list_axes(inputs: AuditInputs) -> list[str]:
-    """Axes of which the scale is judged: those across the structure that are measured."""
-    suppressed = inputs.session.method.sgr.suppressed_axis if inputs.session.method.refinement == "sgr" else ""
-    axes = [str(axis) for axis in inputs.displacement["axis"].values]
-    return [axis for axis in axes if axis not in (suppressed, "longitudinal", "forward")]
 
 
 def _list_places(inputs: AuditInputs, rig: Rig) -> tuple[list[str], FloatArray]:
@@ -204,15 +195,8 @@ def _propose(rig: Rig, names: list[str], pixels: FloatArray) -> Iterator[tuple[s
 
 def _differentiate(lengths: Callable[[Rig], FloatArray], rig: Rig) -> FloatArray:
     """Change of lengths with every parameter of the cameras, shape (L, 10 V)."""
-    size = len(CAMERA_PARAMETERS)
-    of_pose = [*[_ANGLE_STEP] * 3, *[_ANGLE_STEP * rig.baseline()] * 3]
-    steps = np.tile([_ANGLE_STEP, 0.1, 0.1, _ANGLE_STEP, *of_pose], len(rig))
-    columns = []
-    for index, step in enumerate(steps):
-        change = np.zeros(size * len(rig))
-        change[index] = step
-        columns.append((lengths(rig.perturbed(change)) - lengths(rig.perturbed(-change))) / (2 * step))
-    return np.stack(columns, axis=1)
+    changes = [(lengths(ahead) - lengths(back)) / (2 * step) for step, ahead, back in step_parameters(rig)]
+    return np.stack(changes, axis=1)
 
 
 def _spread_marks(rig: Rig, pixels: FloatArray) -> Iterator[float]:

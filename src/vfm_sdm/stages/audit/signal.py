@@ -34,9 +34,8 @@ _UNUSED = 0.1
 def check_signal(inputs: AuditInputs) -> AuditCheck:
     """Root mean square motion [mm] over its noise, of the axis that shows least, beyond what the noise explains [1]."""
     name, data = "signal to noise", inputs.displacement
-    suppressed = inputs.session.method.sgr.suppressed_axis if inputs.session.method.refinement == "sgr" else ""
     ratios: dict[str, float] = {}
-    axes = [str(a) for a in data["axis"].values if str(a) not in (suppressed, "longitudinal", "forward")]
+    axes = inputs.judged_axes
     for point in inputs.moving:
         for axis in axes:
             series = data.sel(point=point, axis=axis)
