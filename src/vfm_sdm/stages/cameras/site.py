@@ -189,12 +189,10 @@ def adjust_to_site(
     """
     problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
     solution = _minimize_from_starts(problem)
-    cell_std_px = problem.cell_std(solution.x)
-    if cell_std_px > problem.match_std_px:
-        # The errors of the camera model exceed the assumed standard deviation: the matches get less weight. Once only:
-        # loosened further and further, they would agree with any reading.
-        problem.match_std_px = cell_std_px
-        solution = _minimize_residuals(problem, solution.x)
+    # What the residuals show gives the matches their weight. Once only: loosened further and further, they would agree
+    # with any reading.
+    problem.weigh(solution.x)
+    solution = _minimize_residuals(problem, solution.x)
     # Every parameter has a prior of unit weight, so the normal matrix is never singular.
     jacobian = np.asarray(solution.jac)
     whitened = np.linalg.inv(jacobian.T @ jacobian)

@@ -1,6 +1,6 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -11,7 +11,14 @@ from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.culprits import Claim
-from vfm_sdm.stages.cameras.match_cells import cell_medians, group_matches, group_points, list_epipolar_errors
+from vfm_sdm.stages.cameras.match_cells import (
+    MatchNoise,
+    estimate_match_noise,
+    group_matches,
+    group_points,
+    list_epipolar_errors,
+)
+from vfm_sdm.stages.cameras.relief import show_relief
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.cameras.whitening import (
@@ -24,21 +31,14 @@ from vfm_sdm.stages.cameras.whitening import (
 )
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["ALL_FOCALS", "DISTANCE", "MATCH_STD_PX", "SiteProblem"]
+__all__ = ["ALL_FOCALS", "DISTANCE", "SiteProblem"]
 
 ALL_FOCALS = "focal lengths of all views"
 DISTANCE = "distance"
 """First word of the names of the distances from the reference camera to the third and further cameras."""
-MATCH_STD_PX = 0.25
-"""Least standard deviation of the epipolar error that the matches of a cell share [px]: feature localisation and errors
-of the camera model, which are alike for neighbours. It is enlarged when the residuals are larger."""
-_POSE_PARAMETERS = 7
-"""Largest number of parameters of the epipolar geometry of two views."""
 _RIGS_KEPT = 64
 _FOCAL_REACH = 3.0
 """Largest change of a logarithm of a focal length that distortion follows: a factor of twenty is only a trial step."""
-_NORMAL = 1.4826
-"""Standard deviation over the median absolute value of a normal distribution."""
 _UNSTATED_LEVEL_STD = np.radians(1.0)
 """Standard deviation of pitch and roll without a level reading: a tripod head set by eye [rad]."""
 
@@ -63,8 +63,9 @@ class SiteProblem:
     camera; perpendicular and longitudinal distance; the common offset of points from the face and its lean, the offset
     of matches at the lower border of the image; and pixel errors of the named points in use.
 
-    The residual of a match is its Sampson error over ``match_std_px * sqrt(n)``, with ``n`` the number of matches in
-    its cell of a 6 x 6 grid over the image, so that a cell weighs as one observation however many matches it holds.
+    The residual of a match is its Sampson error over ``sqrt(n s^2 + o^2)``, with ``n`` the number of matches in its
+    cell of a 6 x 6 grid over the image, ``s`` the standard deviation of what they share and ``o`` that of each one's
+    own error, so that a cell weighs as one observation however many matches it holds, and one with few of them less.
     Points that three views or more see have the reprojection errors of all their pixels as residuals, over the same
     standard deviation: unlike epipolar lines, these determine the distances of cameras that stand in a row. With
     independent weights thousands of correlated errors would outweigh the lens prior: on the real pair
@@ -103,11 +104,12 @@ class SiteProblem:
         # Of the cells' few matches on the face; one cell is one place of it, as of the epipolar errors.
         self._on_face = [group for group in self._cells if group.matches.on_face.any()] if self.has_axes else []
         self._face_matches = [group.matches.chosen(group.matches.on_face) for group in self._on_face]
-        self.match_std_px = MATCH_STD_PX
+        self.noise = MatchNoise()
         self._factor = factor_prior(rig.covariance)
         self._rig_size = self._factor.shape[1]
         self._extra_prior, self._extra_std = self._read_extra_priors()
         self.size = self._rig_size + self._extra_std.size + 2 * len(rig) * len(self._used)
+        self._relief = self._scale_relief(np.zeros(self.size))
         self.notes: list[str] = []
         if self.has_axes and site.reference_camera_level is None:
             self.notes.append("no level reading of the reference camera: pitch and roll taken as 0 +- 1 degree")
@@ -334,41 +336,22 @@ class SiteProblem:
         errors = [one for _, one in list_epipolar_errors(self._cells, self.rig(z))]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else float("nan")
 
-    def cell_std(self, z: FloatArray) -> float:
-        """Standard deviation of the error that the matches of a cell share.
+    def weigh(self, z: FloatArray) -> None:
+        """Gives matches and relief the standard deviations that follow from a solution.
 
         Parameters
         ----------
         z
             Whitened parameters of a solution, shape (M,).
-
-        Returns
-        -------
-        std
-            Standard deviation [px]; NaN with hardly more cells than parameters.
-
-        Notes
-        -----
-        The shared error of a cell is the median of the epipolar errors of its matches, and for points that several
-        views see the median of their reprojection errors. A standard deviation from a few cells is uncertain itself:
-        parameters adjusted with it have Student's distribution, whose variance is larger by ``f / (f - 2)`` with f the
-        number of cells less that of fitted parameters.
         """
-        rig = self.rig(z)
-        squares, free = 0.0, -_POSE_PARAMETERS * (len(rig) - 1)
-        for group, errors in list_epipolar_errors(self._pairs, rig):
-            if group.matches.std_px:
-                continue
-            medians = cell_medians(errors, group.cell)
-            # Wrong matches must not make the right ones count less.
-            limit = ROBUST_STD * _NORMAL * float(np.median(np.abs(medians)))
-            squares += float(np.sum(np.square(np.clip(medians, -limit, limit))))
-            free += len(medians)
-        for shared in self._shared:
-            medians = cell_medians(shared.points.errors(rig), shared.cell)
-            squares += float(np.sum(np.square(medians)))
-            free += shared.points.constraints * len(medians)
-        return float(np.sqrt(squares / (free - 2))) if free > _POSE_PARAMETERS else float("nan")
+        self.noise = estimate_match_noise(self._pairs, self._shared, self.rig(z))
+        self._relief = self._scale_relief(z)
+
+    def _scale_relief(self, z: FloatArray) -> list[FloatArray]:
+        """Pixels by which a metre out of the face shows, for the matches of each pair and for the named points."""
+        shown = [per_metre for _, per_metre in self._show_matches_on_face(z)]
+        points = self._triangulate_points(z, self.rig(z)) if self.has_axes else {}
+        return [*shown, self._show_points_on_face(z, points)[1]] if self._has_face_points else shown
 
     def _list_distances(self, rig: Rig) -> list[AdjustedValue]:
         """Distances of the third and further cameras from the reference camera; that of the second is the baseline."""
@@ -440,60 +423,78 @@ class SiteProblem:
         measured = [(q.value - q.prior) / q.prior_std for q in list_measured(state, self._site, self._readings)]
         return np.concatenate([np.asarray(measured, dtype=np.float64), self._compute_face_residuals(z, state.points)])
 
+    @property
+    def _has_face_points(self) -> bool:
+        return self.has_axes and bool(self._face)
+
     def _compute_face_residuals(self, z: FloatArray, points: Mapping[str, FloatArray]) -> FloatArray:
-        """Lateral coordinate of points on the face less the perpendicular distance, over the standard deviation."""
-        if not (self.has_axes and self._face):
+        """Distances of the named points from the face, as they show, over the standard deviation."""
+        if not self._has_face_points:
             return np.empty(0)
-        lateral_axis = self.structure_rotation(z)[0]
+        shift, _ = self._show_points_on_face(z, points)
+        scaled = shift / (self._relief[-1] * self._site.face_offset_std)
+        # At a trial step the face may lie behind a camera.
+        return np.where(np.isfinite(scaled), scaled, OUTLIER)
+
+    def _show_points_on_face(self, z: FloatArray, points: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Distances of the named points from the face as they show, and per metre; see `show_relief`."""
         _, _, perpendicular, _, offset, _ = self._get_extra(z)
-        lateral = np.array([points[name] @ lateral_axis for name in self._face])
-        return np.asarray((lateral - perpendicular - offset) / self._site.face_offset_std)
+        places = np.array([points[name] for name in self._face])
+        return show_relief(places, self.rig(z), self.structure_rotation(z)[0], perpendicular + offset)
 
     def _compute_surface_residuals(self, z: FloatArray) -> FloatArray:
-        """Robust, weighted distances from the face of matches on it."""
-        rig = self.rig(z)
-        lateral_axis = self.structure_rotation(z)[0]
-        _, _, perpendicular, _, offset, lean = self._get_extra(z)
+        """Robust, weighted distances from the face of matches on it, as they show."""
         parts = [np.empty(0)]
-        for group, m, points3d in zip(self._on_face, self._face_matches, self._triangulate_face(z, rig), strict=True):
-            lateral = points3d @ lateral_axis
+        shown = zip(self._on_face, self._show_matches_on_face(z), self._relief, strict=False)
+        for group, (shift, _), per_metre in shown:
+            std_px = np.hypot(per_metre * self._site.face_offset_std, self.noise.own_px)
+            parts.append(bend(shift / std_px) * group.weight[group.matches.on_face])
+        return np.concatenate(parts)
+
+    def _show_matches_on_face(self, z: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Distances of the matches of each pair from the face as they show, and per metre; see `show_relief`."""
+        rig, lateral_axis = self.rig(z), self.structure_rotation(z)[0]
+        _, _, perpendicular, _, offset, lean = self._get_extra(z)
+        for m, points3d in zip(self._face_matches, self._triangulate_face(z, rig), strict=True):
             # What lies on a face is stepped along its height: an edge beam above, a girder behind it below.
             height = rig.cameras[m.first].image_size[1] / 2
             shift = offset + lean * (m.points_first[:, 1] / height - 1)
-            scaled = (lateral - perpendicular - shift) / self._site.face_offset_std
-            parts.append(bend(scaled) * group.weight[group.matches.on_face])
-        return np.concatenate(parts)
+            yield show_relief(points3d, self._pair(rig, m), lateral_axis, perpendicular + shift)
+
+    @staticmethod
+    def _pair(rig: Rig, matches: Matches) -> Rig:
+        return Rig(("first", "second"), (rig.cameras[matches.first], rig.cameras[matches.second]))
 
     def _triangulate_face(self, z: FloatArray, rig: Rig) -> list[FloatArray]:
         """Points of the matches on the face, shape (N, 3) each; they move with the parameters of the rig alone."""
         key = z[: self._rig_size].tobytes()
         if self._face_points[0] != key:
-            found = []
-            for m in self._face_matches:
-                pair = Rig(("first", "second"), (rig.cameras[m.first], rig.cameras[m.second]))
-                found.append(triangulate(np.stack([m.points_first, m.points_second]), pair))
+            found = [
+                triangulate(np.stack([m.points_first, m.points_second]), self._pair(rig, m)) for m in self._face_matches
+            ]
             self._face_points = (key, found)
         return self._face_points[1]
 
     def _compute_match_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the matches of pairs of views."""
-        parts = [
-            bend(errors / np.hypot(self.match_std_px, group.matches.std_px)) * group.weight
-            for group, errors in list_epipolar_errors(self._pairs, self.rig(z))
-        ]
-        return np.concatenate([np.empty(0), *parts])
+        parts = [np.empty(0)]
+        for group, errors in list_epipolar_errors(self._pairs, self.rig(z)):
+            std_px, factor = self.noise.spread(group.weight, group.matches.std_px)
+            parts.append(bend(errors / std_px) * factor)
+        return np.concatenate(parts)
 
     def _compute_shared_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted residuals of the points that three views or more see."""
         rig = self.rig(z)
         parts = [np.empty(0)]
         for group in self._shared:
-            scaled = group.points.errors(rig) / self.match_std_px
+            std_px, factor = self.noise.spread(group.weight)
+            scaled = group.points.errors(rig) / std_px
             # All errors of a point are made smaller together where one of them is gross.
             size = np.linalg.norm(scaled, axis=1, keepdims=True)
             reach = ROBUST_STD**2 * group.points.constraints
             bent = np.sqrt(2 * reach * (np.sqrt(1 + size**2 / reach) - 1))
             robust = np.where(size > 0, scaled * bent / np.where(size > 0, size, 1.0), 0.0)
             known = np.isfinite(robust).all(axis=1, keepdims=True)
-            parts.append((np.where(known, robust, OUTLIER) * group.weight[:, None]).ravel())
+            parts.append((np.where(known, robust, OUTLIER) * factor[:, None]).ravel())
         return np.concatenate(parts)

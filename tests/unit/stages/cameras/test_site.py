@@ -189,6 +189,28 @@ class TestStructuralAxes:
         stds = [np.sqrt(a.covariance[0, 0]) for a in (without, with_face)]
         assert stds[1] < 0.6 * stds[0]
 
+    def test_relief_of_the_face_does_not_lengthen_the_focal_lengths(self):
+        # Longer lenses flatten the relief that the same pictures show: least squares of it in metres would choose them.
+        rng = np.random.default_rng(16)
+        lateral = structure_from_cam1(self.ANGLE, pitch_rad=np.radians(2), roll_rad=np.radians(-1))[0]
+        pulls, suspects = [], []
+        for _ in range(6):
+            trial = site_trial(rng, focal_std=0.2)
+            first = rng.uniform(0, np.array(SIZE) - 1, (400, 2))
+            rays = np.column_stack([trial.truth.cameras[0].normalize(first), np.ones(400)])
+            cell = (first[:, 0] * 6 // SIZE[0] * 6 + first[:, 1] * 6 // SIZE[1]).astype(int)
+            relief = rng.normal(0, 0.1, 36)[cell] + rng.normal(0, 0.02, 400)
+            X = rays * ((9.0 + relief) / (rays @ lateral))[:, None]
+            u = project_all(trial.truth, X) + rng.normal(0, 0.2, (2, 400, 2))
+            matches = Matches(0, 1, u[0], u[1], on_face=np.ones(400, dtype=bool))
+            adjustment = adjust_to_site(trial.prior, [matches], self.site(trial, face_offset_std=0.1), {})
+            focal = [c.focal_px / t.focal_px for c, t in zip(adjustment.rig.cameras, trial.truth.cameras, strict=True)]
+            std = np.sqrt([adjustment.covariance[0, 0], adjustment.covariance[10, 10]])
+            pulls.append(np.mean(np.log(focal) / std))
+            suspects += adjustment.suspects
+        assert abs(np.mean(pulls)) < 2 / np.sqrt(len(pulls))
+        assert not suspects
+
     def test_an_unread_level_is_noted(self):
         trial = site_trial(np.random.default_rng(10))
         fields = self.site(trial).model_dump(exclude={"reference_camera_level"})
