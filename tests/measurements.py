@@ -18,6 +18,8 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
 from vfm_sdm.inputs.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
 from vfm_sdm.measurement import Measurement
+from vfm_sdm.stages.cameras.base import Hypothesis
+from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
 from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
 from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
@@ -379,7 +381,10 @@ def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: 
     matches = _matches(c, rig, rng)
     prior = _prior_rig(c, session, matches)
     points = {name: SitePoint(u, on_face=name in MOVING) for name, u in pixels.items()}
-    adjusted = adjust_to_site(prior, (matches,), session.site, points)
+    start = Hypothesis(prior, (matches,))
+    # As the camera stage does: through narrow views the start may be the mirror image.
+    weighed = weigh_hypotheses(session, [start], lambda one: adjust_to_site(one.rig, one.matches, session.site, points))
+    adjusted = weighed.adjusted
     return CameraSolution(
         adjusted.rig,
         adjusted.frame,

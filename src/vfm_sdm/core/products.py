@@ -19,6 +19,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar, cast, overload
 
 from vfm_sdm.core.code import code_hash, modules_used
 from vfm_sdm.core.parts import Kind
+from vfm_sdm.core.threads import small_algebra
 from vfm_sdm.errors import ResultsError
 
 __all__ = ["Chain", "Kept", "Product", "Resume", "Settings", "product"]
@@ -318,7 +319,7 @@ class Chain(Generic[S]):
         settings = self._narrow_settings(wanted)
         self._asking.append(wanted)
         try:
-            with self.timed(wanted.label):
+            with self.timed(wanted.label), small_algebra():
                 value = wanted.make(self, settings)
         finally:
             self._asking.pop()

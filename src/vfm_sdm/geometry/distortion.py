@@ -3,8 +3,10 @@
 from functools import lru_cache
 
 import numpy as np
+from numba import njit
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.compiled import cached_by_code
 
 __all__ = ["distort", "distort_derivative", "squared_fold_radius", "undistort"]
 
@@ -111,18 +113,29 @@ def undistort(distorted: FloatArray, coefficients: FloatArray) -> FloatArray:
     if not np.any(coefficients):
         return distorted.copy()
     k1, k2, p1, p2, k3 = np.asarray(coefficients, np.float64).tolist()
-    wanted_x, wanted_y = np.moveaxis(distorted, -1, 0).copy()
-    x, y = wanted_x.copy(), wanted_y.copy()
-    fold, largest = _known_fold_radius(k1, k2, k3), np.inf
-    # As in `distort` and `distort_derivative`, which share most of their terms.
-    with np.errstate(divide="ignore", invalid="ignore"):
+    wanted = np.ascontiguousarray(distorted, dtype=np.float64)
+    found = _invert(wanted.reshape(-1, 2), k1, k2, p1, p2, k3, _known_fold_radius(k1, k2, k3))
+    return np.asarray(found.reshape(wanted.shape))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+@cached_by_code
+def _invert(
+    wanted: FloatArray, k1: float, k2: float, p1: float, p2: float, k3: float, fold: float
+) -> FloatArray:  # pragma: no cover - compiled
+    """Newton's method for each point (N, 2), with `distort` and `distort_derivative`, which share their terms."""
+    found = np.empty_like(wanted)
+    for index in range(len(wanted)):
+        wanted_x, wanted_y = wanted[index]
+        x, y = wanted_x, wanted_y
+        last = np.inf
         for iteration in range(_UNDISTORT_ITERATIONS + 1):
             xx, yy, xy = x * x, y * y, x * y
             r2 = xx + yy
             radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
             error_x = x * radial + 2 * p1 * xy + p2 * (r2 + 2 * xx) - wanted_x
             error_y = y * radial + p1 * (r2 + 2 * yy) + 2 * p2 * xy - wanted_y
-            if iteration == _UNDISTORT_ITERATIONS or largest < _UNDISTORTED:
+            if iteration == _UNDISTORT_ITERATIONS or last < _UNDISTORTED:
                 break
             slope = 2 * (k1 + r2 * (2 * k2 + 3 * k3 * r2))
             jxx = radial + slope * xx + 2 * p1 * y + 6 * p2 * x
@@ -132,10 +145,12 @@ def undistort(distorted: FloatArray, coefficients: FloatArray) -> FloatArray:
             step_x = (jyy * error_x - jxy * error_y) / determinant
             step_y = (jxx * error_y - jxy * error_x) / determinant
             x, y = x - step_x, y - step_y
-            largest = np.nanmax(np.maximum(np.abs(step_x), np.abs(step_y)), initial=0.0)
+            last = max(abs(step_x), abs(step_y))
         # Beyond the fold the polynomial turns back, and Newton may land on a mirrored branch that fits equally well.
-        sound = (r2 < fold) & (np.maximum(np.abs(error_x), np.abs(error_y)) < _CONVERGED)
-    return np.where(sound[..., None], np.stack([x, y], axis=-1), np.nan)
+        sound = r2 < fold and max(abs(error_x), abs(error_y)) < _CONVERGED
+        found[index, 0] = x if sound else np.nan
+        found[index, 1] = y if sound else np.nan
+    return found
 
 
 @lru_cache(maxsize=256)

@@ -31,6 +31,8 @@ Adjust = Callable[[Hypothesis], SiteAdjustment]
 
 _NARROW_RAD = np.radians(25)
 """Field of view below which a scene is taken for nearly affine."""
+_LONGER = 2.0
+"""Standard deviations of its prior by which a lens may be longer than stated."""
 _TURNS = np.radians([-60.0, -25.0, 25.0, 60.0, 180.0])
 """Directions of the baseline from which the adjustment starts again, from the first solution's."""
 _RIVAL_COST = 9.0
@@ -114,7 +116,11 @@ def _is_nearly_affine(one: Hypothesis) -> bool:
     covariance = one.rig.covariance
     if covariance is None or not np.diag(covariance)[-6:].all():
         return False
-    return all(2 * np.arctan(max(c.image_size) / 2 / c.focal_px) < _NARROW_RAD for c in one.rig.cameras)
+    # A lens of which little is known may be narrower than it is taken for.
+    relative_std = np.sqrt(np.diag(covariance)[:: len(CAMERA_PARAMETERS)])
+    focal_px = [c.focal_px * np.exp(_LONGER * std) for c, std in zip(one.rig.cameras, relative_std, strict=True)]
+    views = [2 * np.arctan(max(c.image_size) / 2 / f) for c, f in zip(one.rig.cameras, focal_px, strict=True)]
+    return bool(max(views) < _NARROW_RAD)
 
 
 def _other_starts(one: Hypothesis) -> Iterator[Hypothesis]:

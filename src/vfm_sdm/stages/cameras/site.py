@@ -9,6 +9,7 @@ distortion, distance of points from the face) are nuisance parameters with a pri
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -36,6 +37,11 @@ _AS_PROBABLE = 4.0
 """Difference of two drops of the cost below which the data hardly tell two culprits apart."""
 _WEAK_FOCAL_STD = 0.08
 """Relative standard deviation of a focal length from which its prior leaves room for several minima."""
+_TRIAL_STEPS = 40
+_FAR_COST = 25.0
+"""Cost of matches, beyond twice the least, from which a start does not fit them."""
+_SAME_MINIMUM = 1e-2
+"""Largest distance of two solutions of one minimum [prior standard deviations]."""
 _STARTS = (0.0, -1.0, 1.0, -2.0, 2.0)
 _LEAST_REDUNDANCY = 0.01
 """Share of a reading that the others must check."""
@@ -189,10 +195,6 @@ def adjust_to_site(
     """
     problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
     solution = _minimize_from_starts(problem)
-    # What the residuals show gives the matches their weight. Once only: loosened further and further, they would agree
-    # with any reading.
-    problem.weigh(solution.x)
-    solution = _minimize_residuals(problem, solution.x)
     # Every parameter has a prior of unit weight, so the normal matrix is never singular.
     jacobian = np.asarray(solution.jac)
     whitened = np.linalg.inv(jacobian.T @ jacobian)
@@ -218,8 +220,26 @@ def _minimize_from_starts(problem: SiteProblem) -> OptimizeResult:
     """
     common, std = problem.common_focal()
     offsets = _STARTS if std > _WEAK_FOCAL_STD else (0.0,)
-    found = [_minimize_residuals(problem, offset * common) for offset in offsets]
-    return min(found, key=lambda one: (not one.success, float(one.cost)))
+    solved = [_minimize_residuals(problem, offset * common, _TRIAL_STEPS) for offset in offsets]
+    # Without the face at first: points far from where they belong lead away from a start that does not fit the matches.
+    limit = _FAR_COST + 2 * min(one.cost for one in solved)
+    # Once only: loosened further and further, matches would agree with any reading.
+    problem.weigh_matches(min(solved, key=lambda one: float(one.cost)).x)
+    found = [_minimize_weighed(problem, one.x) for one in solved if one.cost < limit and _is_new(one, solved)]
+    solution, _ = min(found, key=lambda one: (not one[0].success, one[1]))
+    return _minimize_weighed(problem, solution.x)[0]
+
+
+def _is_new(one: OptimizeResult, solved: Sequence[OptimizeResult]) -> bool:
+    """Whether no earlier one is the same minimum."""
+    return all(np.abs(one.x - other.x).max() > _SAME_MINIMUM for other in takewhile(lambda x: x is not one, solved))
+
+
+def _minimize_weighed(problem: SiteProblem, start: FloatArray) -> tuple[OptimizeResult, float]:
+    """A minimum with relief weighed as it shows from its start, and its cost as it compares with others."""
+    problem.weigh_relief(start)
+    solution = _minimize_residuals(problem, start)
+    return solution, 2 * float(solution.cost) + problem.log_spread()
 
 
 def _find_culprits(problem: SiteProblem, solution: OptimizeResult) -> tuple[Suspect, ...]:
@@ -231,9 +251,9 @@ def _find_culprits(problem: SiteProblem, solution: OptimizeResult) -> tuple[Susp
     return tuple(one for one in suspects if one.rank > suspects[0].rank - _AS_PROBABLE)
 
 
-def _minimize_residuals(problem: SiteProblem, start: FloatArray) -> OptimizeResult:
+def _minimize_residuals(problem: SiteProblem, start: FloatArray, steps: int = 100) -> OptimizeResult:
     """Least-squares solution of the problem in whitened parameters."""
-    return least_squares(problem.residuals, start, jac=problem.jacobian, xtol=1e-7, ftol=1e-7, max_nfev=100)
+    return least_squares(problem.residuals, start, jac=problem.jacobian, xtol=1e-7, ftol=1e-7, max_nfev=steps)
 
 
 def _compute_covariance(problem: SiteProblem, solution: FloatArray, whitened: FloatArray) -> FloatArray:

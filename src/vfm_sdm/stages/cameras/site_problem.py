@@ -18,16 +18,16 @@ from vfm_sdm.stages.cameras.match_cells import (
     group_points,
     list_epipolar_errors,
 )
-from vfm_sdm.stages.cameras.relief import show_relief
+from vfm_sdm.stages.cameras.relief import Relief, show_relief
 from vfm_sdm.stages.cameras.shared_points import chain_matches
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.cameras.whitening import (
     OUTLIER,
     ROBUST_STD,
+    RigParameters,
     bend,
     differentiate,
     differentiate_centrally,
-    factor_prior,
 )
 from vfm_sdm.stages.matching.matches import Matches
 
@@ -36,9 +36,6 @@ __all__ = ["ALL_FOCALS", "DISTANCE", "SiteProblem"]
 ALL_FOCALS = "focal lengths of all views"
 DISTANCE = "distance"
 """First word of the names of the distances from the reference camera to the third and further cameras."""
-_RIGS_KEPT = 64
-_FOCAL_REACH = 3.0
-"""Largest change of a logarithm of a focal length that distortion follows: a factor of twenty is only a trial step."""
 _UNSTATED_LEVEL_STD = np.radians(1.0)
 """Standard deviation of pitch and roll without a level reading: a tripod head set by eye [rad]."""
 
@@ -87,7 +84,6 @@ class SiteProblem:
         if rig.covariance is None:
             raise CameraError("site adjustment: expected a rig with a prior covariance, got none; state the priors")
         self._start = rig
-        self._rigs: dict[bytes, Rig] = {}
         self._face_points: tuple[bytes, list[FloatArray]] = (b"", [])
         self._site = site
         self._readings = dict(readings)
@@ -105,11 +101,11 @@ class SiteProblem:
         self._on_face = [group for group in self._cells if group.matches.on_face.any()] if self.has_axes else []
         self._face_matches = [group.matches.chosen(group.matches.on_face) for group in self._on_face]
         self.noise = MatchNoise()
-        self._factor = factor_prior(rig.covariance)
-        self._rig_size = self._factor.shape[1]
+        self._lenses_and_poses = RigParameters(rig)
+        self._rig_size = self._lenses_and_poses.size
         self._extra_prior, self._extra_std = self._read_extra_priors()
         self.size = self._rig_size + self._extra_std.size + 2 * len(rig) * len(self._used)
-        self._relief = self._scale_relief(np.zeros(self.size))
+        self._relief: list[FloatArray] = []
         self.notes: list[str] = []
         if self.has_axes and site.reference_camera_level is None:
             self.notes.append("no level reading of the reference camera: pitch and roll taken as 0 +- 1 degree")
@@ -127,25 +123,7 @@ class SiteProblem:
         rig
             Rig without covariance.
         """
-        # Making one costs as much as all residuals, and derivatives ask for the same ones again and again.
-        inner = z[: self._rig_size]
-        key = inner.tobytes()
-        if key not in self._rigs:
-            if len(self._rigs) >= _RIGS_KEPT:
-                self._rigs.clear()
-            self._rigs[key] = self._start.perturbed(self._step_to(inner))
-        return self._rigs[key]
-
-    def _step_to(self, inner: FloatArray) -> FloatArray:
-        """Change of the rig's parameters, shape (10 V,); that of the distortion keeps its pixels.
-
-        A prior of k1 says by how much a lens moves the pixels at the corner of the image. With a focal length that is
-        uncertain itself, the same pixels are another k1: it grows with the square of the focal length.
-        """
-        step = self._factor @ inner
-        focal, k1 = (step[CAMERA_PARAMETERS.index(name) :: len(CAMERA_PARAMETERS)] for name in ("log_focal", "k1"))
-        k1 *= np.exp(2 * np.clip(focal, -_FOCAL_REACH, _FOCAL_REACH))
-        return np.asarray(step)
+        return self._lenses_and_poses.rig(z[: self._rig_size])
 
     def common_focal(self) -> tuple[FloatArray, float]:
         """Whitened parameters of all focal lengths one prior standard deviation longer, and that deviation.
@@ -155,13 +133,8 @@ class SiteProblem:
         direction, std
             Shape (M,); and the mean relative standard deviation [1].
         """
-        rows = self._factor[:: len(CAMERA_PARAMETERS)]
-        stds = np.linalg.norm(rows, axis=1)
-        direction = np.zeros(self.size)
-        wanted = np.zeros(len(self._factor))
-        wanted[:: len(CAMERA_PARAMETERS)] = stds
-        direction[: self._rig_size] = np.linalg.pinv(self._factor) @ wanted
-        return direction, float(stds.mean())
+        direction, std = self._lenses_and_poses.common_focal()
+        return np.pad(direction, (0, self.size - len(direction))), std
 
     def structure_rotation(self, z: FloatArray) -> FloatArray:
         """Rotation from the reference camera to the structure's axes at these parameters.
@@ -280,14 +253,13 @@ class SiteProblem:
         claims
             Focal lengths of each view and of all together, priors of the site, and every reading.
         """
-        inner = np.linalg.pinv(self._factor)
+        factor = self._lenses_and_poses.factor
+        inner = np.linalg.pinv(factor)
         names = self._start.names
         found, focal = [], []
         for index, (name, camera) in enumerate(zip(names, self._start.cameras, strict=True)):
-            row = np.zeros(len(self._factor))
-            row[len(CAMERA_PARAMETERS) * index] = std = float(
-                np.linalg.norm(self._factor[len(row) // len(names) * index])
-            )
+            row = np.zeros(len(factor))
+            row[len(CAMERA_PARAMETERS) * index] = std = float(np.linalg.norm(factor[len(row) // len(names) * index]))
             if std > 0:
                 rows = np.pad(inner @ row, (0, count - self._rig_size))[:, None]
                 focal.append(Claim(f"focal {name}", "px", camera.focal_px, std, rows, logarithmic=True))
@@ -336,8 +308,8 @@ class SiteProblem:
         errors = [one for _, one in list_epipolar_errors(self._cells, self.rig(z))]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else float("nan")
 
-    def weigh(self, z: FloatArray) -> None:
-        """Gives matches and relief the standard deviations that follow from a solution.
+    def weigh_matches(self, z: FloatArray) -> None:
+        """Gives matches the standard deviations that follow from a solution that fits them.
 
         Parameters
         ----------
@@ -345,13 +317,32 @@ class SiteProblem:
             Whitened parameters of a solution, shape (M,).
         """
         self.noise = estimate_match_noise(self._pairs, self._shared, self.rig(z))
+
+    def weigh_relief(self, z: FloatArray) -> None:
+        """Gives distances from the face, left out until then, the standard deviations that follow from a solution.
+
+        Parameters
+        ----------
+        z
+            Whitened parameters of a solution, shape (M,).
+        """
         self._relief = self._scale_relief(z)
+
+    def log_spread(self) -> float:
+        """Twice the logarithm of the standard deviations of relief, summed as its residuals are [1].
+
+        Costs of solutions with their own standard deviations compare with this beside them.
+        """
+        weights = [np.square(group.weight[group.matches.on_face]) for group in self._on_face]
+        weights += [np.ones(len(self._face))] if self._has_face_points else []
+        spread = sum(float(w @ np.log(one)) for w, one in zip(weights, self._relief, strict=True))
+        return 2 * spread if np.isfinite(spread) else float("inf")
 
     def _scale_relief(self, z: FloatArray) -> list[FloatArray]:
         """Pixels by which a metre out of the face shows, for the matches of each pair and for the named points."""
-        shown = [per_metre for _, per_metre in self._show_matches_on_face(z)]
+        shown = [one.per_metre for one in self._show_matches_on_face(z)]
         points = self._triangulate_points(z, self.rig(z)) if self.has_axes else {}
-        return [*shown, self._show_points_on_face(z, points)[1]] if self._has_face_points else shown
+        return [*shown, self._show_points_on_face(z, points).per_metre] if self._has_face_points else shown
 
     def _list_distances(self, rig: Rig) -> list[AdjustedValue]:
         """Distances of the third and further cameras from the reference camera; that of the second is the baseline."""
@@ -431,28 +422,31 @@ class SiteProblem:
         """Distances of the named points from the face, as they show, over the standard deviation."""
         if not self._has_face_points:
             return np.empty(0)
-        shift, _ = self._show_points_on_face(z, points)
-        scaled = shift / (self._relief[-1] * self._site.face_offset_std)
+        if not self._relief:
+            return np.zeros(len(self._face))
+        relief = self._show_points_on_face(z, points)
+        away = relief.scaled(self._site.face_offset_std, self._relief[-1])
         # At a trial step the face may lie behind a camera.
-        return np.where(np.isfinite(scaled), scaled, OUTLIER)
+        return np.where(np.isfinite(away), away, OUTLIER)
 
-    def _show_points_on_face(self, z: FloatArray, points: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Distances of the named points from the face as they show, and per metre; see `show_relief`."""
+    def _show_points_on_face(self, z: FloatArray, points: Mapping[str, FloatArray]) -> Relief:
+        """Distances of the named points from the face."""
         _, _, perpendicular, _, offset, _ = self._get_extra(z)
         places = np.array([points[name] for name in self._face])
         return show_relief(places, self.rig(z), self.structure_rotation(z)[0], perpendicular + offset)
 
     def _compute_surface_residuals(self, z: FloatArray) -> FloatArray:
         """Robust, weighted distances from the face of matches on it, as they show."""
-        parts = [np.empty(0)]
+        if not self._relief:
+            return np.zeros(sum(map(len, self._face_matches)))
+        std, own_px, parts = self._site.face_offset_std, self.noise.own_px, [np.empty(0)]
         shown = zip(self._on_face, self._show_matches_on_face(z), self._relief, strict=False)
-        for group, (shift, _), per_metre in shown:
-            std_px = np.hypot(per_metre * self._site.face_offset_std, self.noise.own_px)
-            parts.append(bend(shift / std_px) * group.weight[group.matches.on_face])
+        for group, relief, per_metre in shown:
+            parts.append(bend(relief.scaled(std, per_metre, own_px)) * group.weight[group.matches.on_face])
         return np.concatenate(parts)
 
-    def _show_matches_on_face(self, z: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Distances of the matches of each pair from the face as they show, and per metre; see `show_relief`."""
+    def _show_matches_on_face(self, z: FloatArray) -> Iterator[Relief]:
+        """Distances of the matches of each pair from the face."""
         rig, lateral_axis = self.rig(z), self.structure_rotation(z)[0]
         _, _, perpendicular, _, offset, lean = self._get_extra(z)
         for m, points3d in zip(self._face_matches, self._triangulate_face(z, rig), strict=True):

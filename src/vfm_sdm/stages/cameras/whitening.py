@@ -6,13 +6,80 @@ import numpy as np
 from scipy.linalg import cholesky
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 
-__all__ = ["OUTLIER", "ROBUST_STD", "bend", "differentiate", "differentiate_centrally", "factor_prior"]
+__all__ = ["OUTLIER", "ROBUST_STD", "RigParameters", "bend", "differentiate", "differentiate_centrally", "factor_prior"]
 
 ROBUST_STD = 3.0
 """Residual over its standard deviation from which the loss grows linearly [1]."""
 OUTLIER = 1e3
 """Residual of what has no value [standard deviations]."""
+_RIGS_KEPT = 64
+_FOCAL_REACH = 3.0
+"""Largest change of a logarithm of a focal length that distortion follows: a factor of twenty is only a trial step."""
+
+
+class RigParameters:
+    """Whitened parameters of the cameras, each with a standard normal prior.
+
+    Parameters
+    ----------
+    start
+        Cameras whose ``covariance`` is the prior of their parameters; a parameter with zero variance is held fixed.
+
+    Attributes
+    ----------
+    factor
+        Factor of the prior, from the whitened parameters to those of the rig, shape (10 V, size).
+    size
+        Number of whitened parameters.
+    """
+
+    def __init__(self, start: Rig) -> None:
+        self._start = start
+        self._rigs: dict[bytes, Rig] = {}
+        self.factor = factor_prior(np.asarray(start.covariance))
+        self.size = self.factor.shape[1]
+
+    def rig(self, inner: FloatArray) -> Rig:
+        """Cameras at these parameters.
+
+        Parameters
+        ----------
+        inner
+            Whitened parameters, shape (size,).
+        """
+        # Making one costs as much as all residuals, and derivatives ask for the same ones again and again.
+        key = inner.tobytes()
+        if key not in self._rigs:
+            if len(self._rigs) >= _RIGS_KEPT:
+                self._rigs.clear()
+            self._rigs[key] = self._start.perturbed(self._step_to(inner))
+        return self._rigs[key]
+
+    def _step_to(self, inner: FloatArray) -> FloatArray:
+        """Change of the rig's parameters, shape (10 V,); that of the distortion keeps its pixels.
+
+        A prior of k1 says by how much a lens moves the pixels at the corner of the image. With a focal length that is
+        uncertain itself, the same pixels are another k1: it grows with the square of the focal length.
+        """
+        step = self.factor @ inner
+        focal, k1 = (step[CAMERA_PARAMETERS.index(name) :: len(CAMERA_PARAMETERS)] for name in ("log_focal", "k1"))
+        k1 *= np.exp(2 * np.clip(focal, -_FOCAL_REACH, _FOCAL_REACH))
+        return np.asarray(step)
+
+    def common_focal(self) -> tuple[FloatArray, float]:
+        """Parameters of all focal lengths one prior standard deviation longer, and that deviation.
+
+        Returns
+        -------
+        direction, std
+            Shape (size,); and the mean relative standard deviation [1].
+        """
+        stds = np.linalg.norm(self.factor[:: len(CAMERA_PARAMETERS)], axis=1)
+        wanted = np.zeros(len(self.factor))
+        wanted[:: len(CAMERA_PARAMETERS)] = stds
+        return np.asarray(np.linalg.pinv(self.factor) @ wanted), float(stds.mean())
 
 
 def bend(scaled: FloatArray) -> FloatArray:
