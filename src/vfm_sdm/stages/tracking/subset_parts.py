@@ -22,6 +22,8 @@ that the cost hardly grows with the length of a recording."""
 _QUARTERS, _HALVES, _BALANCED = np.array([0, 1, 2, 3]), np.array([0, 0, 1, 1]), np.array([0, 1, 1, 0])
 _OFTEN = 0.8
 """Share of the frames that show the whole in which a strip has to be found."""
+_PLACE = 2
+"""Parameters of a translation; with more, rotation or strain is measured."""
 _FEWEST = 10
 _CLEAR = 2.0
 """Times its noise by which a point must move for the gains of its parts to be compared."""
@@ -109,7 +111,7 @@ class SubsetParts:
         for point, design in enumerate(self._whole.designs or ()):
             if design is None or not np.any(self._rows == point):
                 continue
-            turns = design.warp in (Warp.SIMILARITY, Warp.AFFINE)
+            turns = self._whole.freedoms[point] > _PLACE
             groupings = (_BALANCED,) if turns else (_QUARTERS, _HALVES)
             for direction in range(1 if design.warp == Warp.EDGE else 2):
                 along = directions[point, direction]
