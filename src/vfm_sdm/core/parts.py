@@ -259,6 +259,8 @@ _CHECKS = {
     "frozen": Part(_AUDIT + "tracks:check_frozen"),
     "slip": Part(_AUDIT + "tracks:check_slip"),
     "halves": Part(_AUDIT + "tracks:check_halves"),
+    "parts": Part(_AUDIT + "subsets:check_parts"),
+    "believed": Part(_AUDIT + "subsets:check_believed"),
     "static-points": Part(_AUDIT + "tracks:check_static_points"),
     "camera-motion": Part(_AUDIT + "tracks:check_camera_motion"),
     "stabilization": Part(_AUDIT + "tracks:check_stabilization"),

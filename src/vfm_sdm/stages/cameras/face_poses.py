@@ -20,7 +20,7 @@ from vfm_sdm.stages.cameras.relative_pose import count_places, number_cells
 from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["PoseOnFace", "propose_poses"]
+__all__ = ["PoseOnFace", "propose_poses", "told_agree"]
 
 _DIRECTIONS = 72
 """Directions of the baseline that are tried, 5 degrees apart: a turn by half of that moves a point on the face by less
@@ -32,6 +32,13 @@ _TOLERANCE = 5e-3
 by eye leave."""
 _FINE = 2e-3
 """The same once level and height are fitted."""
+_VOTES, _FITTED = 4, 6
+"""Matches from which poses are voted on, and from which one is fitted, as one of them may be wrong."""
+_TOLD = 3
+"""Places that somebody told on the face from which they propose a pose by themselves: six numbers for the five of a
+pose on the ground."""
+_TOLD_STD = 4.0
+"""Standard deviations within which a told place agrees with a pose."""
 _LEVEL_STD = np.radians(1.5)
 _HEIGHT_STD_M = 0.5
 """Roll and height of the second camera where nobody read them: tripods that are levelled by eye, on one ground."""
@@ -68,7 +75,8 @@ def propose_poses(
     Parameters
     ----------
     matches
-        N matches of the two views, right and wrong ones [px].
+        N matches of the two views, right and wrong ones; or, with a standard deviation, points that somebody named in
+        both views, which are on the face and right [px].
     cameras
         Intrinsics and distortion of the two cameras.
     face
@@ -91,7 +99,7 @@ def propose_poses(
     best are then fitted by least squares with height and roll of the second camera free.
     """
     ground = _Ground.of(matches, cameras, face)
-    if ground.usable.sum() < 4:
+    if ground.usable.sum() < (_TOLD if matches.std_px else _VOTES):
         return []
     voters = np.flatnonzero(ground.usable)
     voters = voters[np.linspace(0, len(voters) - 1, min(len(voters), _VOTERS)).astype(int)]
@@ -100,12 +108,31 @@ def propose_poses(
     for centre in _list_centres(face, baseline_m, readings):
         poses = np.array(list(_turn_to(ground, centre, voters, readings)))
         if poses.size:
-            votes.append(ground.count_votes(_rotations(poses), centre, _TOLERANCE, cells))
+            votes.append(ground.count_votes(_rotations(poses), centre, ground.tolerance(_TOLERANCE), cells))
             tried.append(np.column_stack([poses, np.tile(centre, (len(poses), 1))]))
     if not tried:
         return []
     poses, support = np.concatenate(tried), np.concatenate(votes)
     return _choose_proposals(ground, (poses, support), matches, (cameras[1], baseline_m, readings))
+
+
+def told_agree(camera: Camera, told: Matches, first: Camera, face: Face) -> BoolArray:
+    """Which points that somebody named in both views come out there with a pose, shape (N,).
+
+    Parameters
+    ----------
+    camera
+        The second camera with its pose in the first camera's frame [m].
+    told
+        N points on the face [px].
+    first
+        Intrinsics and distortion of the first camera.
+    face
+        The structure's face in the first camera's frame.
+    """
+    ground = _Ground.of(told, (first, camera), face)
+    rotation, centre = face.axes @ camera.rotation.T, face.axes @ camera.center
+    return np.asarray(ground.agree(rotation[None], centre, ground.tolerance(_TOLERANCE))[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +149,10 @@ class _Ground:
         Focal length of the second camera [px].
     long_side_px
         Longer side of its image [px].
+    face
+        The face.
+    std_px
+        Standard deviation of second pixels that somebody pointed at [px]; 0 of features.
     """
 
     near: FloatArray
@@ -130,17 +161,22 @@ class _Ground:
     focal_px: float
     long_side_px: int
     face: Face
+    std_px: float = 0.0
 
     @classmethod
     def of(cls, matches: Matches, cameras: tuple[Camera, Camera], face: Face) -> "_Ground":
         first, second = cameras
         rays = np.column_stack([second.normalize(matches.points_second), np.ones(len(matches))])
         near, far = (face.points(first, matches.points_first, beyond) for beyond in (0.0, face.std_m))
-        return cls(near, far, rays, second.focal_px, max(second.image_size), face)
+        return cls(near, far, rays, second.focal_px, max(second.image_size), face, matches.std_px)
 
     @property
     def usable(self) -> BoolArray:
         return np.asarray(np.isfinite(self.near).all(axis=1) & np.isfinite(self.rays).all(axis=1))
+
+    def tolerance(self, share: float) -> float:
+        """A tolerance over the longer side, or what pointing needs, where somebody pointed [1]."""
+        return max(share, _TOLD_STD * self.std_px / self.long_side_px)
 
     def errors(self, rotations: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Errors across and along the images of the lines of sight, and the length of a standard deviation along them.
@@ -259,22 +295,22 @@ def _fit(ground: _Ground, pose: FloatArray, matches: Matches, known: tuple[Camer
         return np.array([baseline_m * np.cos(p[3]), p[4] * _HEIGHT_STD_M, baseline_m * np.sin(p[3])])
 
     parameters = np.array([*pose[:3], np.arctan2(pose[5], pose[3]), 0.0])
-    for tolerance in (_TOLERANCE, _TOLERANCE, _FINE, _FINE):
-        chosen = ground.agree(_rotations(parameters), centre_of(parameters), tolerance)[0]
-        if chosen.sum() < 6:
+    for share in (_TOLERANCE, _TOLERANCE, _FINE, _FINE):
+        chosen = ground.agree(_rotations(parameters), centre_of(parameters), ground.tolerance(share))[0]
+        if chosen.sum() < (_TOLD if ground.std_px else _FITTED):
             break
         part = replace(ground, near=ground.near[chosen], far=ground.far[chosen], rays=ground.rays[chosen])
 
         def residuals(p: FloatArray, part: _Ground = part) -> FloatArray:
             across, along, length = part.errors(_rotations(p), centre_of(p))
-            noise = _FINE / 3 * part.long_side_px
+            noise = part.std_px or _FINE / 3 * part.long_side_px
             with np.errstate(invalid="ignore"):  # behind the camera both are infinite
                 depth = along[0] / np.hypot(noise, length[0])
             values = [across[0] / noise, depth, [(p[2] - level) / std, p[4]]]
             return np.asarray(np.nan_to_num(np.concatenate(values), nan=1e3, posinf=1e3, neginf=-1e3))
 
         parameters = least_squares(residuals, parameters, loss="soft_l1", x_scale=[0.01, 0.01, 0.01, 0.1, 1.0]).x
-    chosen = ground.agree(_rotations(parameters), centre_of(parameters), _FINE)[0]
+    chosen = ground.agree(_rotations(parameters), centre_of(parameters), ground.tolerance(_FINE))[0]
     rotation = _rotations(parameters)[0].T @ ground.face.axes
     centre = ground.face.axes.T @ centre_of(parameters)
     posed = replace(camera, cam_from_world=np.column_stack([rotation, -rotation @ centre]))

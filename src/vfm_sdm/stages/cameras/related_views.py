@@ -11,7 +11,7 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Readings, Session, quiet_frames
-from vfm_sdm.stages.cameras.face_poses import PoseOnFace, propose_poses
+from vfm_sdm.stages.cameras.face_poses import PoseOnFace, propose_poses, told_agree
 from vfm_sdm.stages.cameras.relative_pose import (
     Agreement,
     chance_agreement,
@@ -50,6 +50,15 @@ what lies on the face, and a camera that was levelled by eye."""
 _NOISE = 2e-3
 """Tolerance of a feature's place across the epipolar line, over the longer side."""
 _DEPTH_STD = 2.5
+_MOST = 0.5
+"""Share of the named points that have to agree with a pose: one of them may be a slip."""
+_TOLD_STD = 4.0
+_SAME_RAD = np.radians(3)
+"""Angle within which two poses are one."""
+_CONTRADICTED = (
+    "{} and {}: the pose that most matches agree with contradicts the points that are named in both views; correct "
+    "their pixels (pixel_in), name five such points, or measure both distances of the face"
+)
 _SPLITS = 3
 """Ways of halving the matches: nine differences of angles tell a scatter to a quarter of it."""
 _AGREEING = 0.7
@@ -70,12 +79,15 @@ class Known:
         What was read at the further camera.
     named
         Pixels of the points that the session names in both views; ``None`` where it does not.
+    told
+        Those of them that lie on the face.
     """
 
     baseline_m: float
     face: Face | None = None
     readings: Readings = field(default_factory=Readings)
     named: Matches | None = None
+    told: Matches | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,13 +166,15 @@ def relate_to_first(
     baseline, face = session.site.baseline, Face.of(session.site)
     for index, name in enumerate(others, start=1):
         # The tape lay between the first two cameras; of the others nobody knows how far they stand.
-        known = Known(1.0, named=_named_pairs(session, (first, name), index))
+        pair_names = (first, name)
+        named, told = (_named_pairs(session, pair_names, index, on_face=on_face) for on_face in (False, True))
+        known = Known(1.0, named=named, told=told)
         if baseline is not None:
             known = replace(
                 known, baseline_m=baseline.value, face=face if index == 1 else None, readings=readings[name]
             )
         pair = (images[first], images[name]), (cameras[0], cameras[index])
-        related = relate_view((first, name), *pair, index, known, matcher=matcher)
+        related = relate_view(pair_names, *pair, index, known, matcher=matcher)
         yield [one if one.matches is known.named else _with_named(one, known.named) for one in related]
 
 
@@ -206,17 +220,19 @@ def relate_view(
     # Tiles, balusters and windows agree with many poses, each of them shifted by a step.
     on_repeats = lie_on_repeats(matches.points_first, features[0]) | lie_on_repeats(matches.points_second, features[1])
     free = _relate_freely(names, matches, cameras, ~on_repeats)
+    if not free.fault and _contradicts(free, known.named, cameras[0]):
+        free = replace(free, fault=_CONTRADICTED.format(*names), status=CameraStatus.NOT_CLEAR)
     by_hand = _relate_by_hand(known, cameras)
     if known.face is None:
-        return [free if not free.fault else by_hand or free]
-    proposals = propose_poses(matches, cameras, known.face, known.baseline_m, known.readings)
+        return [free] if not free.fault else by_hand or [free]
+    proposals = _propose(matches, cameras, known, known.face)
     related = _guide(names, (features[0], images), cameras, (proposals, known.face))
     clear = [one for one in related if not one.fault]
     if not free.fault:
         same = [_joined(one, free, cameras[0]) for one in clear]
         clear = [one for one in same if one is not None] or [*clear, free]
     clear.sort(key=lambda one: -one.clearness)
-    return clear or [by_hand or free]
+    return clear or by_hand or [free]
 
 
 def _relate_freely(
@@ -272,26 +288,61 @@ def _close_ones(one: RelatedView, first: Camera) -> Matches:
     return m.chosen(error <= _CLOSE_STD * _NORMAL * np.median(error))
 
 
-def _named_pairs(session: Session, views: tuple[str, str], index: int) -> Matches | None:
-    """Pixels of the points that the session names in both views."""
+def _named_pairs(session: Session, views: tuple[str, str], index: int, *, on_face: bool = False) -> Matches | None:
+    """Pixels of the points that the session names in both views; all, or those on the face."""
     points = named_points(session, views)["position"].transpose("view", "point", "pixel").values
     both = np.isfinite(points).all(axis=(0, 2))
+    if on_face:
+        both &= np.array([not point.static for point in session.point], dtype=np.bool_)
     return Matches(0, index, points[0, both], points[1, both], std_px=NAMED_STD_PX) if both.any() else None
 
 
-def _relate_by_hand(known: Known, cameras: tuple[Camera, Camera]) -> RelatedView | None:
-    """The pose from the points that somebody named in both views alone; ``None`` where they are too few."""
+def _propose(matches: Matches, cameras: tuple[Camera, Camera], known: Known, face: Face) -> list[PoseOnFace]:
+    """Poses that matches on the face propose, without those that contradict what somebody named in both views.
+
+    Where something repeats, several poses agree with matches alike, and a named place belongs to one of them. Enough of
+    them propose a pose by themselves.
+    """
+    proposals = propose_poses(matches, cameras, face, known.baseline_m, known.readings)
+    if known.told is None:
+        return proposals
+    by_hand = propose_poses(known.told, cameras, face, known.baseline_m, known.readings)
+    believed = [one for one in proposals if told_agree(one.camera, known.told, cameras[0], face).mean() > _MOST]
+    others = [one for one in by_hand if all(_angle(one.camera, other.camera) > _SAME_RAD for other in believed)]
+    return [*believed, *others] or proposals
+
+
+def _angle(one: Camera, other: Camera) -> float:
+    """Angle by which two cameras are turned against each other [rad]."""
+    return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
+
+
+def _contradicts(one: RelatedView, named: Matches | None, first: Camera) -> bool:
+    """Whether most points that somebody named in both views lie off the epipolar lines of a pose."""
+    if named is None:
+        return False
+    rig = Rig(("first", "second"), (first, one.camera))
+    error = np.abs(sampson_error(named.points_first, named.points_second, rig))
+    limit = 2 * _NOISE * max(first.image_size) + _TOLD_STD * named.std_px
+    return bool((error < limit).mean() <= _MOST)
+
+
+def _relate_by_hand(known: Known, cameras: tuple[Camera, Camera]) -> list[RelatedView]:
+    """Poses from the points that somebody named in both views alone; none where they are too few."""
     named = known.named
-    if named is None or len(named) < _NAMED:
-        return None
-    if known.face is not None:
-        proposals = propose_poses(named, cameras, known.face, known.baseline_m, known.readings)
-        if proposals and len(proposals[0].matches) >= _NAMED:
-            return RelatedView(proposals[0].camera, named, _POINTED, _NO_CHANCE)
+    if named is None:
+        return []
+    if known.face is not None and known.told is not None:
+        proposals = propose_poses(known.told, cameras, known.face, known.baseline_m, known.readings)
+        whole = [one for one in proposals if len(one.matches) == len(known.told)]
+        if whole:
+            return [RelatedView(one.camera, named, _POINTED, _NO_CHANCE) for one in whole]
+    if len(named) < _NAMED:
+        return []
     pose, agree = estimate_relative_pose(named.points_first, named.points_second, *cameras)
     if agree.sum() < _NAMED:
-        return None
-    return RelatedView(replace(cameras[1], cam_from_world=pose), named.chosen(agree), _POINTED, _NO_CHANCE)
+        return []
+    return [RelatedView(replace(cameras[1], cam_from_world=pose), named.chosen(agree), _POINTED, _NO_CHANCE)]
 
 
 def _judged(names: tuple[str, str], one: RelatedView, tried: int) -> RelatedView:
@@ -376,7 +427,7 @@ def _joined(one: RelatedView, free: RelatedView, first: Camera) -> RelatedView |
     rig = Rig(("first", "second"), (first, one.camera))
     m = free.matches
     error = np.abs(sampson_error(m.points_first, m.points_second, rig))
-    turn = Rotation.from_matrix(one.camera.rotation @ free.camera.rotation.T).magnitude()
+    turn = _angle(one.camera, free.camera)
     agree = error < 2 * _NOISE * max(first.image_size)
     if scale == 0 or agree.mean() < _AGREEING or turn > np.radians(10):
         return None

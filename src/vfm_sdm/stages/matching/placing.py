@@ -187,10 +187,16 @@ class _Search:
 
     def settle(self, index: int, mean: FloatArray, covariance: FloatArray) -> Place:
         """The place of one point, from where all the rest expects it and what resembles it there."""
+        place = self._look_closely(index, mean, covariance)
+        if index in self.known.given and place.status != PointStatus.OK:
+            # Nothing there tells the place better than whoever named it.
+            return Place(mean, covariance, place.correlation, PointStatus.OK)
+        return place
+
+    def _look_closely(self, index: int, mean: FloatArray, covariance: FloatArray) -> Place:
+        """The place of one point, if what resembles it there is one place."""
         found = self.candidates(index, mean, covariance)
         if not found:
-            if index in self.known.given:
-                return Place(mean, covariance, np.nan, PointStatus.OK)
             return _nowhere(PointStatus.NOT_FOUND)
         found, values = self._compare(index, found)
         sure: list[tuple[FloatArray, FloatArray, float] | None] = [None] * len(found)

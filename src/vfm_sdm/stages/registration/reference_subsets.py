@@ -11,6 +11,7 @@ from scipy.ndimage import correlate1d, map_coordinates, spline_filter1d
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.stages.registration.designs import SubsetDesign
+from vfm_sdm.stages.registration.determined_warps import estimate_noise, invert_determined
 
 __all__ = [
     "NEIGHBOURS",
@@ -55,7 +56,7 @@ class ReferenceSubsets(NamedTuple):
         Surfaces of brightness that may come and go, orthonormal to each other and to a constant on the believed pixels,
         in [u, v] order, shape (P, Q, S S) [1]; zero where a subset has fewer than Q.
     usable
-        Whether the texture fixes all parameters of the allowed warps, shape (P,).
+        Whether the texture fixes the position, shape (P,).
     unit_covariance
         Covariance of the position for noise of one grey level in all, shape (P, 2, 2) [px2].
     noise_share
@@ -65,7 +66,7 @@ class ReferenceSubsets(NamedTuple):
         `NEIGHBOURS` in common, shape (P, G, 2, 2) [px2]; (P, 0, 2, 2) without designs.
     leakage
         Error of the position for each unit of a true warp, shape (P, 2, 6) [px, px per unit of the linear part]: what
-        the allowed warps leave out; zero for affine ones.
+        the allowed warps leave out, and those that the texture does not determine; zero where there are none.
     """
 
     pixels: npt.NDArray[np.float32]
@@ -119,7 +120,8 @@ def prepare_subsets(
     within them. A true warp p is then found as Q p with Q = B (B' M B)^-1 B' M, so that the position is wrong by
     J (Q - 1) p, where J takes the warp to the named point. For a translation and a rotation or strain this is the
     rotation or strain times the distance of the point from the middle of the texture. Pixels that are not believed
-    have no part in any sum.
+    have no part in any sum. Linear warps that the texture does not determine are held as those that are not allowed
+    (`vfm_sdm.stages.registration.determined_warps.invert_determined`).
 
     References
     ----------
@@ -228,7 +230,8 @@ def _prepare(
     S, T = (_Images(kind, template, design, count, shading) for kind in (smooth, plain))
     M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
 
-    inverse, usable = _invert(M, designs)
+    bases = None if designs is None else [one.basis() for one in designs]
+    inverse, usable = invert_determined(M, _noise_of_linear(windows[core], believed), bases)
     usable &= S.norm2 > 0
     J = np.zeros((points, 2, 6))
     J[:, 0, 0] = J[:, 1, 3] = 1
@@ -242,22 +245,22 @@ def _prepare(
         to_position @ scatter @ to_position.swapaxes(1, 2),
         _compute_gradient_noise() * count[:, None, None] * inverse[:, ::3, ::3],
         np.empty((points, 0, 2, 2)) if believed is None else _spread_smooth_noise(S, believed, to_position),
-        np.zeros_like(J) if designs is None else to_position @ M - J,
+        to_position @ M - J,
     )
 
 
-def _invert(M: FloatArray, designs: Sequence[SubsetDesign] | None) -> tuple[FloatArray, BoolArray]:
-    """Inverses of matrices (P, 6, 6) within the allowed warps, and whether these are fixed, shape (P,)."""
-    if designs is None:
-        usable = _is_well_posed(M)
-        return np.linalg.inv(np.where(usable[:, None, None], M, np.eye(6))), usable
-    inverse, fixed = np.zeros_like(M), np.zeros(len(M), np.bool_)
-    for point, (matrix, design) in enumerate(zip(M, designs, strict=True)):
-        B = design.basis()
-        within = B.T @ matrix @ B
-        fixed[point] = _is_well_posed(within[None])[0]
-        inverse[point] = B @ np.linalg.inv(within if fixed[point] else np.eye(B.shape[1])) @ B.T
-    return inverse, fixed
+def _noise_of_linear(gray: FloatArray, believed: BoolArray | None) -> FloatArray:
+    """What the noise of subsets (P, S, S) alone gives their matrices for linear warps, shape (P, 4, 4).
+
+    Offsets count from the middle of the believed pixels, shape (P, S S): translation is free.
+    """
+    design = np.stack([np.ones(gray[0].size), *_offset_grid(gray.shape[1] // 2)])
+    squares = np.einsum("in,jn->nij", design, design).reshape(-1, 9)
+    sums = np.tile(squares.sum(axis=0), (len(gray), 1)) if believed is None else believed @ squares
+    sums = sums.reshape(-1, 3, 3)
+    spread = sums[:, 1:, 1:] - sums[:, 1:, :1] * sums[:, :1, 1:] / sums[:, :1, :1]
+    of_gradients = _compute_gradient_noise() * estimate_noise(gray)
+    return np.asarray(np.einsum("p,ab,pij->paibj", of_gradients, np.eye(2), spread).reshape(-1, 4, 4))
 
 
 def _cut_windows(reference: LumaArray, centers: IntArray, reach: int) -> FloatArray:
@@ -356,12 +359,3 @@ def _compute_gradient_noise() -> float:
     impulse[0, side // 2, side // 2] = 1
     plain, smooth = _compute_gradients(impulse)
     return float((plain[0] * smooth[0]).sum())
-
-
-def _is_well_posed(M: FloatArray) -> BoolArray:
-    """Whether matrices (P, k, k) fix all k parameters: their scaled symmetric part is far from singular."""
-    symmetric = (M + M.swapaxes(1, 2)) / 2
-    diagonal = np.einsum("pkk->pk", symmetric)
-    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1))
-    smallest = np.linalg.eigvalsh(symmetric / scale[:, :, None] / scale[:, None, :])[:, 0]
-    return np.asarray((diagonal > 0).all(axis=1) & (smallest > 1e-6))

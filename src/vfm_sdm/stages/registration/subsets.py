@@ -34,6 +34,8 @@ TOLERANCE_PX = 1e-4
 """Distance to the minimum below which a registration has converged (RMS over the subset, from how the steps shrink):
 a small part of the scatter that any noise gives."""
 
+_RANK = 1e-9
+"""Share of the largest singular value from which on one counts: pixels against their strain differ by a million."""
 _SHARE = 16  # fewest registrations worth a thread of their own
 
 
@@ -331,6 +333,14 @@ class SubsetBank:
         home, across = self.centers[rows], self.edge_across[rows]
         moved = np.einsum("ki,ki->k", centers - home, across)
         return np.where(np.isfinite(across), home + moved[:, None] * across, centers)
+
+    @cached_property
+    def freedoms(self) -> IntArray:
+        """Parameters of each warp that are allowed and that the texture determines, shape (P,); 0 where unusable."""
+        found = np.zeros(len(self), np.int64)
+        for members, subsets in self.prepared:
+            found[members] = np.linalg.matrix_rank(subsets.matrices[:, 0], rtol=_RANK)
+        return np.where(self.usable, found, 0)
 
     @cached_property
     def _noise(self) -> SubsetNoise:

@@ -1,6 +1,5 @@
 """Parts of subsets, followed by themselves: how far a subset's error and gain go beyond what its residuals say."""
 
-from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
@@ -22,6 +21,8 @@ that the cost hardly grows with the length of a recording."""
 _QUARTERS, _HALVES, _BALANCED = np.array([0, 1, 2, 3]), np.array([0, 0, 1, 1]), np.array([0, 1, 1, 0])
 _OFTEN = 0.8
 """Share of the frames that show the whole in which a strip has to be found."""
+_PLACE = 2
+"""Parameters of a translation; with more, rotation or strain is measured."""
 _FEWEST = 10
 _CLEAR = 2.0
 """Times its noise by which a point must move for the gains of its parts to be compared."""
@@ -43,9 +44,9 @@ class SubsetParts:
     Notes
     -----
     A strip holds a quarter of the believed pixels, and only moves: rotation and strain are those of the whole. The
-    directions are across an edge and along it, else u and v. Noise is judged by strips that are joined to halves, gains
-    by quarters as well. Where rotation and strain are measured, their errors move strips on both sides of the middle
-    apart; the outer two and the inner two are then joined, which have one middle.
+    directions are across an edge and along it, else u and v. Gains are compared between quarters, halves, and the outer
+    two and the inner two; noise between halves. Where rotation and strain are measured, their errors move strips on
+    both sides of the middle apart: noise is then that of the outer two and the inner two, which have one middle.
     """
 
     def __init__(self, reference: LumaArray, whole: SubsetBank, executor: Executor) -> None:
@@ -109,15 +110,15 @@ class SubsetParts:
         for point, design in enumerate(self._whole.designs or ()):
             if design is None or not np.any(self._rows == point):
                 continue
-            turns = design.warp in (Warp.SIMILARITY, Warp.AFFINE)
-            groupings = (_BALANCED,) if turns else (_QUARTERS, _HALVES)
+            turns = self._whole.freedoms[point] > _PLACE
+            of_noise = _BALANCED if turns else _HALVES
             for direction in range(1 if design.warp == Warp.EDGE else 2):
                 along = directions[point, direction]
                 found = []
                 for order in (0, 1):
                     mine = np.flatnonzero((self._rows == point) & (orders == order))
                     variance = np.einsum("i,tkij,j->tk", along, covariances[:, mine], along)
-                    found.append(_judge(places[:, mine] @ along, variance, motion[:, point] @ along, groupings))
+                    found.append(_judge(places[:, mine] @ along, variance, motion[:, point] @ along, of_noise))
                 noises, spreads = np.array(found).T
                 # Strips beside an edge hold little of it: they tell a motion of their own, but no noise of the whole.
                 noise[point, direction] = noises[1] if design.warp == Warp.EDGE else np.fmax(noises[0], noises[1])
@@ -190,12 +191,12 @@ def compute_gain_spread(gains: FloatArray, stds: FloatArray, weights: FloatArray
     return float(np.sqrt(max(apart - noise, 0.0) / max(1 - float(weights @ weights), 1e-6)))
 
 
-def _judge(
-    places: FloatArray, variance: FloatArray, motion: FloatArray, groupings: Sequence[IntArray]
-) -> tuple[float, float]:
+def _judge(places: FloatArray, variance: FloatArray, motion: FloatArray, of_noise: IntArray) -> tuple[float, float]:
     """Noise [px] and spread of gains [1] by strips (T, K), with stated variances, about the whole's motion (T,).
 
-    Each grouping states of the four strips to which part they are joined.
+    Groupings state of the four strips to which part they are joined. Noise is that of one of them, ``of_noise``:
+    quarters lose themselves more easily than the whole, and neighbours err alike. Errors of rotation and strain do not
+    go with the motion, so that gains are compared in all.
     """
     seen = np.isfinite(motion)
     known = np.isfinite(places) & np.isfinite(variance) & (variance > 0)
@@ -206,16 +207,15 @@ def _judge(
     information = 1 / np.median(variance[frames][:, kept], axis=0)
     apart, moved = places[frames][:, kept] - motion[frames, None], motion[frames]
     noise, spread = np.nan, np.nan
-    for grouping in groupings:
+    for grouping in (_QUARTERS, _HALVES, _BALANCED):
         groups = (np.unique(grouping)[:, None] == grouping[kept]) * information
         weights = groups.sum(axis=1)
         groups, weights = groups[weights > 0], weights[weights > 0]
         if len(weights) < 2 or (grouping is _BALANCED and not kept.all()):
             continue
         joined = apart @ (groups / weights[:, None]).T
-        of_noise, of_gain = _compare(joined, weights, moved)
-        # Quarters lose themselves more easily than the whole, and neighbours err alike: the noise is that of halves.
-        noise = noise if grouping is _QUARTERS else np.fmax(noise, of_noise)
+        scatter, of_gain = _compare(joined, weights, moved)
+        noise = scatter if grouping is of_noise else noise
         spread = np.fmax(spread, of_gain)
     return float(noise), float(spread)
 

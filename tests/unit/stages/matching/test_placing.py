@@ -208,3 +208,13 @@ def test_what_a_session_names_in_both_views_is_known_without_cameras():
     np.testing.assert_array_equal(points["position_std"].values[:, 0], [[NAMED_STD_PX] * 2, [0.0, 0.0]])
     alone = named_points(session, ["right"])
     np.testing.assert_array_equal(alone["position"].values[0, 0], [9.0, 8.0])
+
+
+def test_a_named_place_among_look_alikes_nearby_stays_within_the_accuracy_of_naming():
+    """A pattern that repeats after four pixels: which of them is meant, the user knows to a pixel or two."""
+    u, v = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    stripes = np.rint(120 + 40 * np.sin(2 * np.pi * u / 4.0) + 40 * np.sin(2 * np.pi * v / 4.0)).astype(np.uint8)
+    given = {"deck": pixel_of(*PLACES["deck"], "right")}
+    points = find({"left": stripes, "right": stripes}, ["deck"], pixel_in=given)
+    assert points["status"].item() == PointStatus.OK
+    assert np.abs(miss(points, "deck")).max() < 3 * NAMED_STD_PX

@@ -8,6 +8,7 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
+from vfm_sdm.stages.registration.determined_warps import LINEAR_STD
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
 from vfm_sdm.stages.tracking.design.coarse import coarse_motion
 from vfm_sdm.stages.tracking.design.information import find_false_corners, square_std, std_around
@@ -24,9 +25,6 @@ _GOOD_STD_PX = 0.01
 """A codec's errors alone are as large [px]: nothing is gained by a larger subset (decision record 008)."""
 _WORTH = 0.8
 """A larger subset must lower the standard deviation to this share, as the noise of 1.5 times the pixels does."""
-_LINEAR_STD = 3e-4
-"""Rotation and strain that an ordinary recording makes unseen [1]: the slope of a girder that is bent by 1/10000 of its
-span (pi/10000), as under pedestrians and wind; the limit of serviceability of a footbridge is ten times that."""
 MARGIN_PX = 24
 """What is looked at beyond the square: where something else begins, and motion of the sample frames [px]."""
 _SIGHT_PX = 30
@@ -109,7 +107,7 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
             if values[1] <= USABLE_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
     across = directions[0]
-    edge = SubsetDesign(size, Warp.EDGE, across, _cut_mask(belief.believed, size), _LINEAR_STD)
+    edge = SubsetDesign(size, Warp.EDGE, across, _cut_mask(belief.believed, size), LINEAR_STD)
     stated = trial.covariance(edge)
     if stated is None:
         return refused
@@ -131,9 +129,9 @@ def _try_warps(trial: Trial, size: int, mask: BoolArray) -> tuple[SubsetDesign, 
 
     Of those that are as good, the one of the highest order; ``None`` where none converges.
     """
-    omitted = float(np.hypot(_LINEAR_STD, trial.linear_std(size, mask)))
-    orders = (Warp.TRANSLATION, omitted), (Warp.SIMILARITY, omitted), (Warp.AFFINE, 0.0)
-    designs = [SubsetDesign(size, warp, None, mask, left_out) for warp, left_out in orders]
+    omitted = float(np.hypot(LINEAR_STD, trial.linear_std(size, mask)))
+    # What an affine warp allows and the texture does not determine is left out as well.
+    designs = [SubsetDesign(size, w, None, mask, omitted) for w in (Warp.TRANSLATION, Warp.SIMILARITY, Warp.AFFINE)]
     found = [(design, stated) for design in designs if (stated := trial.covariance(design)) is not None]
     if not found:
         return None

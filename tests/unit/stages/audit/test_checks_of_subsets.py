@@ -1,0 +1,51 @@
+"""Checks of what subsets cover, from tracks that say it."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from vfm_sdm.core.statuses import Outcome
+from vfm_sdm.stages.audit.subsets import check_believed, check_parts
+
+
+class Inputs:
+    """Tracks of one view and the names of its points on the structure."""
+
+    def __init__(self, **variables):
+        tracks = xr.Dataset(
+            {
+                "part_gain_std": (("point", "direction"), [[0.01, 0.02], [np.nan, np.nan], [0.9, 0.9]]),
+                "believed": ("point", [1.0, 0.9, 0.1]),
+                "edge_across": (("point", "pixel"), np.full((3, 2), np.nan)),
+            },
+            coords={"point": ["a", "b", "static"]},
+        )
+        self.tracks, self.moving = {"left": tracks.assign(variables)}, ["a", "b"]
+
+
+def test_points_of_the_structure_that_move_as_a_whole_pass():
+    assert check_parts(Inputs()).outcome == check_believed(Inputs()).outcome == Outcome.PASS
+
+
+@pytest.mark.parametrize("direction", [0, 1])
+def test_gains_that_differ_in_rows_or_columns_are_a_caution(direction):
+    spread = np.array([[0.01, 0.01], [0.01, 0.01], [0.0, 0.0]])
+    spread[1, direction] = 0.08
+    found = check_parts(Inputs(part_gain_std=(("point", "direction"), spread)))
+    assert found.outcome == Outcome.CAUTION
+    assert found.where == "b in left"
+    assert "parts of the subset of b in left move by different amounts" in found.sentence
+
+
+def test_a_square_that_moves_otherwise_is_a_caution_and_an_edge_has_half_of_it():
+    believed = ("point", [1.0, 0.28, 1.0])
+    assert check_believed(Inputs(believed=believed)).outcome == Outcome.CAUTION
+    across = np.full((3, 2), np.nan)
+    across[1] = 0.6, 0.8
+    assert check_believed(Inputs(believed=believed, edge_across=(("point", "pixel"), across))).outcome == Outcome.PASS
+
+
+def test_trackers_that_say_nothing_of_subsets_are_not_judged():
+    inputs = Inputs()
+    inputs.tracks = {"left": inputs.tracks["left"].drop_vars(["part_gain_std", "believed"])}
+    assert check_parts(inputs).outcome == check_believed(inputs).outcome == Outcome.NOT_POSSIBLE
