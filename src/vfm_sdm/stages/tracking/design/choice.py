@@ -1,6 +1,6 @@
 """Size, shape and warp of a point's subset, from what moves with it and what its texture can carry."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
 from vfm_sdm.stages.tracking.design.coarse import coarse_motion
-from vfm_sdm.stages.tracking.design.information import find_false_corners, square_std, std_around
+from vfm_sdm.stages.tracking.design.information import find_false_corners, find_near_edge, square_std, std_around
 from vfm_sdm.stages.tracking.design.trial import Trial
 from vfm_sdm.stages.tracking.design.window import Window
 
@@ -33,6 +33,16 @@ _SIGHT_PX = 30
 """Half a side within which a point's motion is looked for, however small its square [px]."""
 _SAME_PX = 0.005
 """Standard deviations this close are the same: the higher order is then taken, which is wrong about less [px]."""
+_SHADINGS = (0, 2, 4)
+"""Degrees of the surfaces of brightness that are tried: none, one bend, and two, as where a shadow begins and ends."""
+_EDGE_SHADINGS = (0, 2)
+"""Across an edge, what bends more often is the edge itself."""
+_LIT = 0.5
+"""Share to which shading must bring the variance to be taken: light that moves does then at least what all else does.
+Surfaces that explain less may have explained it by chance, and took texture away."""
+_UNLIT = 0.8
+"""Share of the variance that is left by surfaces of which no more need to be tried; where light moves, more are taken
+that leave less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,21 +112,50 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
         return refused
     clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
     if std[1] <= USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
-        tried = _try_warps(trial, size, clean)
+        tried = _choose_shading(_SHADINGS, lambda shading: _try_warps(trial, size, clean, shading))
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
             if values[1] <= USABLE_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
     across = directions[0]
-    edge = SubsetDesign(size, Warp.EDGE, across, _cut_mask(belief.believed, size), _LINEAR_STD)
+    mask = _cut_mask(find_near_edge(window, belief.believed & part, across), size)
+    found = _choose_shading(_EDGE_SHADINGS, lambda shading: _try_edge(trial, size, mask, across, shading))
+    if found is None or np.trace(found[1]) > USABLE_STD_PX**2:
+        return refused
+    return _accept(refused, found[0], np.array([np.sqrt(np.trace(found[1])), np.inf]), across)
+
+
+def _choose_shading(
+    degrees: Sequence[int], attempt: Callable[[int], tuple[SubsetDesign, FloatArray] | None]
+) -> tuple[SubsetDesign, FloatArray] | None:
+    """The attempt of the lowest degree of shading that no higher one betters clearly; ``None`` where all fail.
+
+    An attempt is a design and its expected mean square error as a covariance (2, 2) [px2].
+    """
+    best: tuple[SubsetDesign, FloatArray] | None = None
+    for degree in degrees:
+        found = attempt(degree)
+        if found is None:
+            continue
+        share = 0.0 if best is None else float(np.trace(found[1]) / np.trace(best[1]))
+        if share > _UNLIT:
+            break
+        if share < (_UNLIT if best is not None and best[0].shading else _LIT):
+            best = found
+    return best
+
+
+def _try_edge(
+    trial: Trial, size: int, mask: BoolArray, across: FloatArray, shading: int
+) -> tuple[SubsetDesign, FloatArray] | None:
+    """An edge, and its expected mean square error as a covariance (2, 2) of rank one [px2]."""
+    edge = SubsetDesign(size, Warp.EDGE, across, mask, _LINEAR_STD, shading)
     stated = trial.covariance(edge)
     if stated is None:
-        return refused
+        return None
     variance = max(float(across @ stated @ across), float(across @ trial.spread(edge) @ across))
-    if variance > USABLE_STD_PX**2:
-        return refused
-    return _accept(refused, edge, np.array([np.sqrt(variance), np.inf]), across)
+    return edge, variance * np.outer(across, across)
 
 
 def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, direction: FloatArray) -> SubsetChoice:
@@ -126,14 +165,14 @@ def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, dir
     return replace(refused, design=design, std_px=std_px, direction=direction, status=PointStatus.OK)
 
 
-def _try_warps(trial: Trial, size: int, mask: BoolArray) -> tuple[SubsetDesign, FloatArray] | None:
+def _try_warps(trial: Trial, size: int, mask: BoolArray, shading: int) -> tuple[SubsetDesign, FloatArray] | None:
     """The warp with the least expected mean square error, and that error as a covariance (2, 2) [px2].
 
     Of those that are as good, the one of the highest order; ``None`` where none converges.
     """
-    omitted = float(np.hypot(_LINEAR_STD, trial.linear_std(size, mask)))
+    omitted = float(np.hypot(_LINEAR_STD, trial.linear_std(size, mask, shading)))
     orders = (Warp.TRANSLATION, omitted), (Warp.SIMILARITY, omitted), (Warp.AFFINE, 0.0)
-    designs = [SubsetDesign(size, warp, None, mask, left_out) for warp, left_out in orders]
+    designs = [SubsetDesign(size, warp, None, mask, left_out, shading) for warp, left_out in orders]
     found = [(design, stated) for design in designs if (stated := trial.covariance(design)) is not None]
     if not found:
         return None
