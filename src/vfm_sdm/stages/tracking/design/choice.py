@@ -42,7 +42,7 @@ _LIT = 0.5
 Surfaces that explain less may have explained it by chance, and took texture away."""
 _UNLIT = 0.8
 """Share of the variance that is left by surfaces of which no more need to be tried; where light moves, more are taken
-that leave less."""
+that leave less. Pixels far from an edge are left out where that leaves no more than this, either."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,29 +119,48 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
             if values[1] <= USABLE_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
     across = directions[0]
-    mask = _cut_mask(find_near_edge(window, belief.believed & part, across), size)
-    found = _choose_shading(_EDGE_SHADINGS, lambda shading: _try_edge(trial, size, mask, across, shading))
+    near = find_near_edge(window, belief.believed & part, across)
+    found = _choose_edge(trial, size, across, (_cut_mask(belief.believed, size), _cut_mask(near, size)))
     if found is None or np.trace(found[1]) > USABLE_STD_PX**2:
         return refused
     return _accept(refused, found[0], np.array([np.sqrt(np.trace(found[1])), np.inf]), across)
 
 
+def _choose_edge(
+    trial: Trial, size: int, across: FloatArray, masks: tuple[BoolArray, BoolArray]
+) -> tuple[SubsetDesign, FloatArray] | None:
+    """The edge on all that is believed or, where that is clearly better, on what lies near it; and its error (2, 2).
+
+    It is shaded where light moves. ``None`` where no registration converges.
+    """
+    whole, near = (
+        _try_edge(trial, size, mask, across, 0) if np.count_nonzero(mask) >= FEWEST_BELIEVED_PX else None
+        for mask in masks
+    )
+    if whole is None or near is None:
+        mask = masks[0] if near is None else masks[1]
+    else:
+        mask = masks[int(np.trace(near[1]) < _UNLIT * np.trace(whole[1]))]
+    return _choose_shading(_EDGE_SHADINGS, lambda shading: _try_edge(trial, size, mask, across, shading))
+
+
 def _choose_shading(
     degrees: Sequence[int], attempt: Callable[[int], tuple[SubsetDesign, FloatArray] | None]
 ) -> tuple[SubsetDesign, FloatArray] | None:
-    """The attempt of the lowest degree of shading that no higher one betters clearly; ``None`` where all fail.
+    """The attempt of the lowest degree of shading that no higher one betters clearly; ``None`` where the first fails.
 
-    An attempt is a design and its expected mean square error as a covariance (2, 2) [px2].
+    An attempt is a design and its expected mean square error as a covariance (2, 2) [px2]. Where the first is not
+    usable, it stands: what only shading would let measure rests on the light being as smooth as it is thought.
     """
-    best: tuple[SubsetDesign, FloatArray] | None = None
-    for degree in degrees:
+    best = attempt(degrees[0])
+    if best is None or np.linalg.eigvalsh(best[1])[1] > USABLE_STD_PX**2:
+        return best
+    for degree in degrees[1:]:
         found = attempt(degree)
-        if found is None:
-            continue
-        share = 0.0 if best is None else float(np.trace(found[1]) / np.trace(best[1]))
+        share = np.inf if found is None else float(np.trace(found[1]) / np.trace(best[1]))
         if share > _UNLIT:
             break
-        if share < (_UNLIT if best is not None and best[0].shading else _LIT):
+        if found is not None and share < (_UNLIT if best[0].shading else _LIT):
             best = found
     return best
 
