@@ -156,13 +156,14 @@ def _expectation(subset: xr.Dataset) -> tuple[str, str]:
         return "not known: too few frames, or too near to the border", ""
     share = subset["believed"].item()
     rest = f"; {share:.0%} of its square moves with it" if share < _WORTH_SAYING_SHARE else ""
+    rest += "; light that moves over it is taken out" if subset["shading"].item() else ""
     if not np.isfinite(std_px[1]):
         u, v = subset["across"].values
         angle = np.degrees(np.arctan2(-v, u)) % 180
         words = "horizontally" if min(angle, 180 - angle) < _LEVEL_DEG else f"at {angle:.0f} degrees"
         words = "vertically" if abs(angle - 90) < _LEVEL_DEG else words
         return f"{std_px[0]:.3f} px {words}, across its edge; nothing along it{rest}", "yellow"
-    return f"{std_px[0]:.3f} to {std_px[1]:.3f} px{rest}", "green" if not rest else ""
+    return f"{std_px[0]:.3f} to {std_px[1]:.3f} px{rest}", "green" if share >= _WORTH_SAYING_SHARE else ""
 
 
 def displacement_table(displacement: xr.Dataset) -> Table:

@@ -15,6 +15,7 @@ EDGE = SubsetDesign(41, Warp.EDGE, across=LEVEL)
 CHOICES = {
     "good": SubsetChoice(SubsetDesign(41), np.array([0.012, 0.02]), LEVEL, 1.0, PointStatus.OK, NOWHERE),
     "part": SubsetChoice(SubsetDesign(41), np.array([0.012, 0.02]), LEVEL, 0.4, PointStatus.OK, NOWHERE),
+    "lit": SubsetChoice(SubsetDesign(41, shading=2), np.array([0.012, 0.02]), LEVEL, 1.0, PointStatus.OK, NOWHERE),
     "edge": SubsetChoice(EDGE, np.array([0.02, np.inf]), LEVEL, 1.0, PointStatus.OK, NOWHERE),
     "flange": SubsetChoice(EDGE, np.array([0.02, np.inf]), LEVEL[::-1], 1.0, PointStatus.OK, NOWHERE),
     "brace": SubsetChoice(EDGE, np.array([0.02, np.inf]), np.sqrt([0.5, 0.5]), 1.0, PointStatus.OK, NOWHERE),
@@ -25,6 +26,7 @@ CHOICES = {
 WORDS = {
     "good": "0.012 to 0.020 px",
     "part": "0.012 to 0.020 px; 40% of its square moves with it",
+    "lit": "0.012 to 0.020 px; light that moves over it is taken out",
     "edge": "0.020 px horizontally, across its edge; nothing along it",
     "flange": "0.020 px vertically, across its edge; nothing along it",
     "brace": "0.020 px at 135 degrees, across its edge; nothing along it",

@@ -164,8 +164,8 @@ class IcgnTracker:
             Tracks (see `vfm_sdm.core.datasets`) with ``correlation`` (time, point): ZNCC [1], and ``half_difference``
             (time, point, pixel): how far the right half of a subset moved beyond the left one [px], each tracked by
             itself, in every fourth frame, else NaN. With designs also ``half_covariance`` [px2] of
-            that difference, ``subset_px``, ``warp``, ``edge_across`` and ``believed``, and ``part_noise`` [px] and
-            ``part_gain_std`` [1] (point, direction: u and v, or across an edge and along it), see
+            that difference, ``subset_px``, ``warp``, ``shading``, ``edge_across`` and ``believed``, and ``part_noise``
+            [px] and ``part_gain_std`` [1] (point, direction: u and v, or across an edge and along it), see
             `vfm_sdm.stages.tracking.subset_parts.SubsetParts`.
 
         Raises
@@ -288,6 +288,7 @@ def _describe(designs: Sequence[SubsetDesign | None], across: FloatArray, parts:
     return {
         "subset_px": ("point", [0 if design is None else design.subset_px for design in designs], {"units": "px"}),
         "warp": ("point", np.array(["" if design is None else str(design.warp) for design in designs], dtype=object)),
+        "shading": ("point", [0 if design is None else design.shading for design in designs]),
         "edge_across": (("point", "pixel"), across, {"units": "1"}),
         "believed": ("point", believed, {"units": "1"}),
         "part_noise": (("point", "direction"), noise, {"units": "px"}),

@@ -62,6 +62,10 @@ def design_subsets(
     the noise and, as a bias, rotation and strain that the warp leaves out (`omitted_std` of the design). The least mean
     square error is chosen. Where the texture shows one direction only, it is an edge, tracked across.
 
+    **Light.** Shadows that move over the point change its brightness by a smooth surface, which is taken out where it
+    leaves half the variance at most (`shading` of the design). Of an edge only what lies near it is compared
+    where the rest disturbs.
+
     **Refused** are points that no direction of which would be measured to 0.1 px in a frame.
 
     Frames in which something passes before a point are left out, see
@@ -123,7 +127,8 @@ def describe_subsets(names: Sequence[str], choices: Sequence[SubsetChoice]) -> x
     -------
     subsets
         ``expected_std`` (point, direction: across, along) [px], ``across`` (point, pixel) [1], ``believed`` (point)
-        [1], ``status`` (point), ``subset_px`` (point) [px], ``warp`` (point), ``nearest`` (point, pixel) [px].
+        [1], ``status`` (point), ``subset_px`` (point) [px], ``warp`` (point), ``shading`` (point): degree of the
+        surfaces of brightness that are taken out, 0 for none, ``nearest`` (point, pixel) [px].
 
     Examples
     --------
@@ -143,6 +148,7 @@ def describe_subsets(names: Sequence[str], choices: Sequence[SubsetChoice]) -> x
             "status": ("point", np.array([str(c.status) for c in choices], dtype=object)),
             "subset_px": ("point", np.array([0 if d is None else d.subset_px for d in designs]), {"units": "px"}),
             "warp": ("point", np.array(["" if d is None else str(d.warp) for d in designs], dtype=object)),
+            "shading": ("point", np.array([0 if d is None else d.shading for d in designs])),
             "nearest": (("point", "pixel"), np.array([c.nearest for c in choices]).reshape(-1, 2), {"units": "px"}),
         },
         coords={"point": list(names), "direction": ["across", "along"], "pixel": ["u", "v"]},

@@ -106,7 +106,13 @@ def _track_view(
         tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
     if known.all():
         return tracks
-    missing = {"status": tracks["status"].dtype.type(Status.LOST), "subset_px": 0, "warp": "", "believed": 0.0}
+    missing = {
+        "status": tracks["status"].dtype.type(Status.LOST),
+        "subset_px": 0,
+        "warp": "",
+        "shading": 0,
+        "believed": 0.0,
+    }
     return tracks.reindex(point=names, fill_value={name: missing.get(str(name), np.nan) for name in tracks.data_vars})
 
 

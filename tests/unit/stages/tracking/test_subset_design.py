@@ -1,5 +1,7 @@
 """What a point's subset compares, on sequences whose layers and motions are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
@@ -60,6 +62,19 @@ EVERYWHERE = np.ones((SIZE, SIZE))
 POINT = np.array([[90.0, 90.0]])
 
 
+def lit_film(image, motion, light, *, seed=0):
+    """Frames of one surface that moves, under the light of each frame, ``light(k)`` of shape (H, W)."""
+    rng = np.random.default_rng(seed)
+    moved = [shift(image, motion[k][::-1], order=5, mode="nearest") for k in range(FRAMES)]
+    return memory_video([digitize(picture * light(k), rng, NOISE) for k, picture in enumerate(moved)], fps=20.0)
+
+
+def soft_shadow(k):
+    """Light under a shadow whose soft lower border sways by 5 px over the point, three times while it is filmed."""
+    rows = np.arange(SIZE)[:, None] - MIDDLE - 5 * np.sin(3 * PHASE[k])
+    return np.tile(1 - 0.5 / (1 + np.exp(rows / 6)), (1, SIZE))
+
+
 def choose(video, point=POINT, subset_px=41):
     return design_subsets(video, point, [f"p{k}" for k in range(len(point))], subset_px=subset_px)[0]
 
@@ -117,6 +132,46 @@ class TestEdges:
         choice = choose(video)
         assert choice.design.warp == Warp.EDGE
         assert track_error(video, choice, SWAY) < 0.03
+
+
+class TestLight:
+    """Light that moves is no motion, and what it does to the brightness is taken out where it shows."""
+
+    def test_a_soft_shadow_that_sways_over_a_point_moves_it_by_no_more_than_is_stated(self):
+        video = lit_film(texture(24, contrast=24), SWAY, soft_shadow)
+        choice = choose(video)
+        plain = replace(choice, design=replace(choice.design, shading=0))
+        error = track_error(video, choice, SWAY)
+        assert choice.design.shading > 0
+        assert (error < 1.5 * choice.std_px.max()).all()
+        assert error.max() < track_error(video, plain, SWAY).max() / 2
+
+    def test_steady_light_leaves_the_texture_to_the_motion(self):
+        for contrast in (12, 40):
+            choice = choose(film([(texture(25, contrast), EVERYWHERE, SWAY)]))
+            assert choice.design.shading == 0
+
+    def test_brightness_that_all_of_a_point_shares_is_a_gain(self):
+        choice = choose(lit_film(texture(26, contrast=24), SWAY, lambda k: 1 - 0.3 * np.sin(PHASE[k]) ** 2))
+        assert choice.design.shading == 0
+
+    def test_shadows_far_from_an_edge_do_not_move_it(self):
+        columns = np.arange(SIZE)[None, :] - MIDDLE
+
+        def far_shadow(k):
+            return np.tile(1 - 0.4 / (1 + np.exp((24 + 5 * np.sin(3 * PHASE[k]) - columns) / 2)), (SIZE, 1))
+
+        video = lit_film(bars(), SWAY, far_shadow)
+        choice = choose(video, subset_px=61)
+        whole = replace(choice, design=replace(choice.design, mask=None, shading=0))
+        error = track_error(video, choice, SWAY)
+        assert choice.design.warp == Warp.EDGE
+        assert error < 0.03
+        assert error < track_error(video, whole, SWAY) / 2
+
+    def test_what_was_chosen_is_said(self):
+        described = describe_subsets(["p0"], [choose(lit_film(texture(24, contrast=24), SWAY, soft_shadow))])
+        assert described["shading"].item() > 0
 
 
 class TestRefused:

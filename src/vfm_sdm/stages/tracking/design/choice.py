@@ -1,6 +1,6 @@
 """Size, shape and warp of a point's subset, from what moves with it and what its texture can carry."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign
 from vfm_sdm.stages.registration.determined_warps import LINEAR_STD
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
 from vfm_sdm.stages.tracking.design.coarse import coarse_motion
-from vfm_sdm.stages.tracking.design.information import find_false_corners, square_std, std_around
+from vfm_sdm.stages.tracking.design.information import find_false_corners, find_near_edge, square_std, std_around
 from vfm_sdm.stages.tracking.design.trial import Trial
 from vfm_sdm.stages.tracking.design.window import Window
 
@@ -31,6 +31,16 @@ _SIGHT_PX = 30
 """Half a side within which a point's motion is looked for, however small its square [px]."""
 _SAME_PX = 0.005
 """Standard deviations this close are the same: the higher order is then taken, which is wrong about less [px]."""
+_SHADINGS = (0, 2, 4)
+"""Degrees of the surfaces of brightness that are tried: none, one bend, and two, as where a shadow begins and ends."""
+_EDGE_SHADINGS = (0, 2)
+"""Across an edge, what bends more often is the edge itself."""
+_LIT = 0.5
+"""Share to which shading must bring the variance to be taken: light that moves does then at least what all else does.
+Surfaces that explain less may have explained it by chance, and took texture away."""
+_UNLIT = 0.8
+"""Share of the variance that is left by surfaces of which no more need to be tried; where light moves, more are taken
+that leave less. Pixels far from an edge are left out where that leaves no more than this, either."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,21 +110,69 @@ def _choose_warp(window: Window, belief: Belief, trial: Trial, size: int) -> Sub
         return refused
     clean = _cut_mask(belief.believed & ~find_false_corners(window, belief.against), size)
     if std[1] <= USABLE_STD_PX and np.count_nonzero(clean) >= FEWEST_BELIEVED_PX:
-        tried = _try_warps(trial, size, clean)
+        tried = _choose_shading(_SHADINGS, lambda shading: _try_warps(trial, size, clean, shading))
         if tried is not None:
             design, covariance = tried
             values, axes = np.linalg.eigh(covariance)
             if values[1] <= USABLE_STD_PX**2:
                 return _accept(refused, design, np.sqrt(values), axes[:, 0])
     across = directions[0]
-    edge = SubsetDesign(size, Warp.EDGE, across, _cut_mask(belief.believed, size), LINEAR_STD)
+    near = find_near_edge(window, belief.believed & part, across)
+    found = _choose_edge(trial, size, across, (_cut_mask(belief.believed, size), _cut_mask(near, size)))
+    if found is None or np.trace(found[1]) > USABLE_STD_PX**2:
+        return refused
+    return _accept(refused, found[0], np.array([np.sqrt(np.trace(found[1])), np.inf]), across)
+
+
+def _choose_edge(
+    trial: Trial, size: int, across: FloatArray, masks: tuple[BoolArray, BoolArray]
+) -> tuple[SubsetDesign, FloatArray] | None:
+    """The edge on all that is believed or, where that is clearly better, on what lies near it; and its error (2, 2).
+
+    It is shaded where light moves. ``None`` where no registration converges.
+    """
+    whole, near = (
+        _try_edge(trial, size, mask, across, 0) if np.count_nonzero(mask) >= FEWEST_BELIEVED_PX else None
+        for mask in masks
+    )
+    if whole is None or near is None:
+        mask = masks[0] if near is None else masks[1]
+    else:
+        mask = masks[int(np.trace(near[1]) < _UNLIT * np.trace(whole[1]))]
+    return _choose_shading(_EDGE_SHADINGS, lambda shading: _try_edge(trial, size, mask, across, shading))
+
+
+def _choose_shading(
+    degrees: Sequence[int], attempt: Callable[[int], tuple[SubsetDesign, FloatArray] | None]
+) -> tuple[SubsetDesign, FloatArray] | None:
+    """The attempt of the lowest degree of shading that no higher one betters clearly; ``None`` where the first fails.
+
+    An attempt is a design and its expected mean square error as a covariance (2, 2) [px2]. Where the first is not
+    usable, it stands: what only shading would let measure rests on the light being as smooth as it is thought.
+    """
+    best = attempt(degrees[0])
+    if best is None or np.linalg.eigvalsh(best[1])[1] > USABLE_STD_PX**2:
+        return best
+    for degree in degrees[1:]:
+        found = attempt(degree)
+        share = np.inf if found is None else float(np.trace(found[1]) / np.trace(best[1]))
+        if share > _UNLIT:
+            break
+        if found is not None and share < (_UNLIT if best[0].shading else _LIT):
+            best = found
+    return best
+
+
+def _try_edge(
+    trial: Trial, size: int, mask: BoolArray, across: FloatArray, shading: int
+) -> tuple[SubsetDesign, FloatArray] | None:
+    """An edge, and its expected mean square error as a covariance (2, 2) of rank one [px2]."""
+    edge = SubsetDesign(size, Warp.EDGE, across, mask, LINEAR_STD, shading)
     stated = trial.covariance(edge)
     if stated is None:
-        return refused
+        return None
     variance = max(float(across @ stated @ across), float(across @ trial.spread(edge) @ across))
-    if variance > USABLE_STD_PX**2:
-        return refused
-    return _accept(refused, edge, np.array([np.sqrt(variance), np.inf]), across)
+    return edge, variance * np.outer(across, across)
 
 
 def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, direction: FloatArray) -> SubsetChoice:
@@ -124,14 +182,15 @@ def _accept(refused: SubsetChoice, design: SubsetDesign, std_px: FloatArray, dir
     return replace(refused, design=design, std_px=std_px, direction=direction, status=PointStatus.OK)
 
 
-def _try_warps(trial: Trial, size: int, mask: BoolArray) -> tuple[SubsetDesign, FloatArray] | None:
+def _try_warps(trial: Trial, size: int, mask: BoolArray, shading: int) -> tuple[SubsetDesign, FloatArray] | None:
     """The warp with the least expected mean square error, and that error as a covariance (2, 2) [px2].
 
     Of those that are as good, the one of the highest order; ``None`` where none converges.
     """
-    omitted = float(np.hypot(LINEAR_STD, trial.linear_std(size, mask)))
+    omitted = float(np.hypot(LINEAR_STD, trial.linear_std(size, mask, shading)))
     # What an affine warp allows and the texture does not determine is left out as well.
-    designs = [SubsetDesign(size, w, None, mask, omitted) for w in (Warp.TRANSLATION, Warp.SIMILARITY, Warp.AFFINE)]
+    orders = (Warp.TRANSLATION, Warp.SIMILARITY, Warp.AFFINE)
+    designs = [SubsetDesign(size, warp, None, mask, omitted, shading) for warp in orders]
     found = [(design, stated) for design in designs if (stated := trial.covariance(design)) is not None]
     if not found:
         return None

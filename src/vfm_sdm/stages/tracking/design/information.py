@@ -6,15 +6,19 @@ from scipy.ndimage import distance_transform_edt
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.stages.tracking.design.belief import DISTINCT_PX, SURE, Belief, is_distinct
-from vfm_sdm.stages.tracking.design.window import Image, Window, kept_noise, noise_of_gradients, soften
+from vfm_sdm.stages.tracking.design.window import SLOW_PX, Image, Window, kept_noise, noise_of_gradients, soften
 
-__all__ = ["find_false_corners", "square_std", "std_around"]
+__all__ = ["find_false_corners", "find_near_edge", "square_std", "std_around"]
 
 _RIM_PX = 3.0
 """Width of the rim along what moves otherwise, in which two surfaces mix [px]: their blur, and the area that votes."""
 _NORMAL_PX = 2.0
 _CORE, _LEAST_CORE_PX = 2.0, 9.0
 """Radius of the nearest surroundings in standard deviations of their weights, and at least [px]."""
+_TOLD = 0.7
+"""Share of an edge's information that makes a pixel part of it, the strongest pixels first."""
+_BESIDE_PX = 2 * SLOW_PX
+"""Further from an edge than this the light is another [px]."""
 _UNKNOWN_PX = 10.0
 """Standard deviation from which on a direction counts as unknown [px]."""
 
@@ -86,6 +90,30 @@ def find_false_corners(window: Window, against: BoolArray) -> BoolArray:
     ahead = (gradient * across).sum(axis=0)
     aside = gradient[0] * across[1] - gradient[1] * across[0]
     return np.asarray(rim & (np.abs(aside) > np.abs(ahead)))
+
+
+def find_near_edge(window: Window, chosen: BoolArray, across: FloatArray) -> BoolArray:
+    """Those of some pixels that lie near what tells the motion across an edge, shape (R, R).
+
+    Pixels without texture tell the light of an edge, which is to be that beside it: shadows that move further away are
+    not to be taken for a change of it.
+
+    Parameters
+    ----------
+    window
+        The surroundings of a point.
+    chosen
+        The pixels, shape (R, R).
+    across
+        Unit vector (u, v) across the edge, shape (2,).
+    """
+    told = np.where(chosen, (across[0] * window.gradient[0] + across[1] * window.gradient[1]) ** 2, 0.0)
+    if not told.any():
+        return chosen
+    strongest = np.sort(told.ravel())[::-1]
+    told_by = np.cumsum(strongest)
+    edge = told >= strongest[np.searchsorted(told_by, _TOLD * told_by[-1])]
+    return np.asarray(chosen & (distance_transform_edt(~edge) <= _BESIDE_PX))
 
 
 def _find_rim(believed: BoolArray) -> tuple[FloatArray, BoolArray]:

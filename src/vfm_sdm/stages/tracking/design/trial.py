@@ -84,7 +84,7 @@ class Trial:
         std = _MAD_TO_STD * np.median(np.abs(apart[known]), axis=0) / 4
         return np.diag(std**2)
 
-    def linear_std(self, size: int, mask: BoolArray) -> float:
+    def linear_std(self, size: int, mask: BoolArray, shading: int = 0) -> float:
         """Rotation and strain that are seen in the frames, as one number for all elements [1]; 0 where none are.
 
         Parameters
@@ -93,8 +93,10 @@ class Trial:
             Side of the square [px].
         mask
             Its believed pixels, shape (S, S).
+        shading
+            Degree of the surface of brightness that may come and go.
         """
-        design = SubsetDesign(size, Warp.AFFINE, None, mask)
+        design = SubsetDesign(size, Warp.AFFINE, None, mask, shading=shading)
         found = self._register([design])
         linear = np.stack([one.affine[0] - np.eye(2) for one in found])
         variance = np.array([np.trace(one.covariance[0]) / 2 for one in found])
