@@ -6,7 +6,7 @@ is seen through telephoto lenses, `surface-2` through wider ones at twice the co
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from vfm_sdm.studies.synthetic.amplitudes import PeakToPeak, scale_to_amplitudes
@@ -44,10 +44,14 @@ class _Surface:
     seed: int
 
 
-def surface_preset(name: SurfaceName, *, small: bool) -> Preset:
-    """A field test of real surfaces; see `vfm_sdm.studies.synthetic.presets.preset`."""
+def surface_preset(name: SurfaceName, *, small: bool, bars_alike: bool = False) -> Preset:
+    """A field test of real surfaces, with bars of the railing of which each looks like the next or not.
+
+    See `vfm_sdm.studies.synthetic.presets.preset` and `vfm_sdm.studies.synthetic.girder_bridge.GirderBridgeSite`.
+    """
     width, fps, duration_s = (_SMALL_WIDTH, 30, 8.0) if small else (_FULL_WIDTH, 60, 16.0)
     surface = _SURFACES[name]((width, width * 9 // 16))
+    surface = replace(surface, site=replace(surface.site, bars_alike=bars_alike))
     return Preset(
         name=name,
         size="small" if small else "full",
