@@ -51,6 +51,11 @@ def test_both_sizes_show_the_same_test(name):
     assert full.points == small.points
     assert full.recordings == small.recordings
     assert full.name == name
+    place = [full.points[0].position]
+    times = np.arange(0, 8, 0.05)
+    np.testing.assert_allclose(
+        full.motion.displacement(times, place), small.motion.displacement(times, place), rtol=1e-9, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["hostile-3", "hostile-4"])
