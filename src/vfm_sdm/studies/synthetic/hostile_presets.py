@@ -91,13 +91,13 @@ def _hostile_2() -> _Hostility:
         encoder=_HEVC,
         disturbances=(
             Disturbances(
-                haze=Haze(120.0),
+                haze=Haze(250.0),
                 shake=Shake((90.0, 120.0, 60.0)),
                 timing=Timing(variation=0.06),
                 bits_per_pixel=0.05,
             ),
             Disturbances(
-                haze=Haze(120.0),
+                haze=Haze(250.0),
                 shake=Shake((70.0, 150.0, 80.0)),
                 timing=Timing(variation=0.04),
                 bits_per_pixel=0.05,
@@ -143,7 +143,7 @@ def _hostile_4() -> _Hostility:
         encoder=_H264,
         disturbances=(
             Disturbances(
-                haze=Haze(300.0),
+                haze=Haze(500.0),
                 passers=(Passer("vehicle", 5.0, 7.0, 3.3), Passer("person", 6.0, -1.5, 5.5)),
                 shake=Shake((60.0, 60.0, 40.0)),
                 lateral_colour=LateralColour(red=5e-4, blue=7e-4),
@@ -151,7 +151,7 @@ def _hostile_4() -> _Hostility:
                 bits_per_pixel=0.02,
             ),
             Disturbances(
-                haze=Haze(300.0),
+                haze=Haze(500.0),
                 passers=(Passer("vehicle", 5.0, -8.0, 4.8),),
                 shake=Shake((50.0, 80.0, 40.0)),
                 lateral_colour=LateralColour(red=-7e-4, blue=6e-4),

@@ -79,12 +79,17 @@ class Rain:
     ------
     DatasetError
         A number is out of its range.
+
+    Notes
+    -----
+    A drop of 2 mm falls at 6 m/s, 24 mm while a frame is exposed for 4 ms: 10 m before a lens of ten degrees that is
+    0.03 of the picture's height. Drops are clear and the streaks of most are out of focus, hence faint.
     """
 
     streaks: float
-    length: float = 0.08
+    length: float = 0.03
     slant_deg: float = 8.0
-    strength: float = 0.25
+    strength: float = 0.12
 
     def __post_init__(self) -> None:
         if not (self.streaks >= 0 and self.length > 0 and 0 <= self.strength <= 1):
