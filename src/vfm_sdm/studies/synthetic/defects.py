@@ -368,7 +368,9 @@ def compute_row_delays(height: int, read_out_s: float) -> FloatArray:
     return read_out_s * ((np.arange(height) + 0.5) / height - 0.5)
 
 
-def compute_wandering(time_s: npt.ArrayLike, band_hz: tuple[float, float], *, seed: int) -> FloatArray:
+def compute_wandering(
+    time_s: npt.ArrayLike, band_hz: tuple[float, float], *, seed: int | tuple[int, ...]
+) -> FloatArray:
     """Two smooth random functions of time with standard deviation 1, shape (T, 2).
 
     A sum of sines of random frequency and phase, so that any time can be asked for by itself.

@@ -1,6 +1,7 @@
 """Synthetic field tests: a footbridge filmed by two cameras or more, written as a session folder with its truth."""
 
 import hashlib
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
@@ -19,6 +20,8 @@ from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import write_session
 from vfm_sdm.stages.cameras.file import write_rig
+from vfm_sdm.studies.synthetic.disturbance_truth import true_disturbances
+from vfm_sdm.studies.synthetic.disturbances import Disturbances
 from vfm_sdm.studies.synthetic.film import film_view
 from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
 from vfm_sdm.studies.synthetic.motion import ModalMotion, Mode
@@ -56,7 +59,8 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
         that was cut short goes on. Gets a video for every view (``left.mp4``, ``right.mp4``), a CSV file for every
         accelerometer, ``session.toml``, ``truth.nc``, the displacement dataset's layout, exact, and
         ``cameras_true.toml``; of a plan with further readings also ``session_further.toml`` with these, and
-        ``points_true.nc``, the layout of ``points.nc``, with where every view sees the points.
+        ``points_true.nc``, the layout of ``points.nc``, with where every view sees the points; of a plan with
+        disturbances also ``disturbances_true.nc``, `vfm_sdm.studies.synthetic.disturbance_truth.true_disturbances`.
     plan
         What to film; the same plan gives the same bytes.
     progress
@@ -83,6 +87,8 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
         write_dataset(target / "truth.nc", _truth(plan))
         for number in range(len(plan.accelerometers)):
             _write_sensor(target, plan, number)
+        if any(recording.disturbances != Disturbances() for recording in plan.recordings):
+            write_dataset(target / "disturbances_true.nc", true_disturbances(plan))
         if plan.further is not None:
             write_dataset(target / "points_true.nc", true_points(plan, _scene(plan.site, plan.seed)))
         # What a camera calibrated beforehand would be taken from.
@@ -98,8 +104,14 @@ def make_field_test(folder: Path | str, plan: Preset, *, progress: Progress | No
         path = target / video
         if scene is not None and view in missing:
             frames, chroma = film_view(plan, scene, view)
-            options = {"crf": str(plan.recordings[view].crf), **plan.encoder}
-            write_video(path, _counted(frames, plan, view, progress), fps=plan.fps, chroma=chroma, options=options)
+            write_video(
+                path,
+                _counted(frames, plan, view, progress),
+                fps=plan.fps,
+                chroma=chroma,
+                options={**_rate(plan, view), **plan.encoder},
+                stamps=plan.stamps(view),
+            )
     sessions = make_sessions(plan, target)
     for name in list(sessions)[1:]:
         write_session(target / name, sessions[name])
@@ -207,7 +219,18 @@ def _film_hash(plan: Preset, view: int) -> str:
     recording = plan.recordings[view]
     shown = (plan.site, plan.motion, recording, plan.fps, plan.frames, plan.seed, dict(plan.encoder))
     optics = "" if recording.photometry is None else repr(recording.photometry)
+    if recording.disturbances != Disturbances():
+        optics += repr(recording.disturbances)
     return hashlib.sha256(f"{_VERSION} {view} {shown!r}{optics}".encode()).hexdigest()
+
+
+def _rate(plan: Preset, view: int) -> dict[str, str]:
+    """Options of the encoder for a constant quality, or for the stated rate."""
+    recording = plan.recordings[view]
+    rate = recording.disturbances.bits_per_pixel
+    if rate == 0:
+        return {"crf": str(recording.crf)}
+    return {"b": str(round(rate * math.prod(plan.site.image_size) * plan.fps))}
 
 
 def _write_sensor(folder: Path, plan: Preset, number: int) -> None:
@@ -257,6 +280,7 @@ def _truth(plan: Preset) -> xr.Dataset:
             "description": plan.description,
             "films": [_film_hash(plan, view) for view in range(len(plan.views))],
             "seed": plan.seed,
+            "blunders": [f"{blunder.reading}: {blunder.error_m:+.3f} m" for blunder in plan.blunders],
             "vfm_sdm_version": _VERSION,
             **further,
         },

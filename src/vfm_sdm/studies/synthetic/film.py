@@ -18,6 +18,7 @@ from vfm_sdm.studies.synthetic.defects import (
     sharpen,
     warp,
 )
+from vfm_sdm.studies.synthetic.disturbances import Disturber, Stage
 from vfm_sdm.studies.synthetic.imager import Imager
 from vfm_sdm.studies.synthetic.lighting import Shading
 from vfm_sdm.studies.synthetic.motion import Motion
@@ -36,8 +37,6 @@ _STATIONS = 200
 _INSTANTS_PER_FRAME = 8
 
 _Luma = npt.NDArray[np.float32]
-_Stage = Callable[[_Luma, int, float], _Luma]
-"""From a picture, the number of its frame and its time [s] to the picture as it goes on."""
 
 
 def film_view(plan: Preset, scene: Scene, view: int) -> tuple[Iterator[npt.NDArray[np.uint8]], npt.NDArray[np.uint8]]:
@@ -63,14 +62,14 @@ def film_view(plan: Preset, scene: Scene, view: int) -> tuple[Iterator[npt.NDArr
     backdrop = None if behind is None else _focused(behind, photometry)(behind.luma_at_rest)
     renderer = Renderer(scene, camera, reach_m=1.02 * largest + 1e-5, backdrop=backdrop)
     chroma = renderer.chroma_at_rest(behind)
-    return _frames(plan, _LitRenderer(renderer), view, fastest), chroma
+    return _frames(plan, _LitRenderer(renderer, behind), view, fastest), chroma
 
 
 class _LitRenderer:
     """Pictures of the displaced scene with the shadows of an instant."""
 
-    def __init__(self, renderer: Renderer) -> None:
-        self.renderer = renderer
+    def __init__(self, renderer: Renderer, behind: Renderer | None = None) -> None:
+        self.renderer, self._behind = renderer, behind
         scene, self._shading = renderer.scene, None
         if scene.light is not None and scene.light.canopy is not None:
             self._shading = Shading(
@@ -79,6 +78,13 @@ class _LitRenderer:
                 rays=renderer.rays,
                 pose=renderer.camera.cam_from_world,
             )
+
+    def depth_at_rest(self) -> FloatArray:
+        """Distance of what each pixel shows along the optical axis, also behind the scene, shape (H, W) [m]."""
+        depth = self.renderer.depth_at_rest()
+        if self._behind is None:
+            return depth
+        return np.where(self.renderer.face_at_rest < 0, self._behind.depth_at_rest(), depth)
 
     def picture(self, motion: Motion, time_s: float, read_out_s: float) -> _Luma:
         """Luma at an instant; with a rolling shutter each band of rows at its own."""
@@ -100,13 +106,21 @@ def _unchanged(luma: _Luma) -> _Luma:
     return luma
 
 
-def _stages(plan: Preset, renderer: Renderer, view: int) -> list[_Stage]:
+def _stages(plan: Preset, lit: _LitRenderer, view: int) -> list[Stage]:
     """What happens to a picture between the scene and the sensor, in this order."""
-    recording, stages = plan.recordings[view], list[_Stage]()
+    recording, renderer, stages = plan.recordings[view], lit.renderer, list[Stage]()
     photometry, glare = recording.photometry, recording.glare
+    disturber = Disturber(
+        recording.disturbances,
+        renderer.camera,
+        seed=(plan.seed, view),
+        exposure_s=recording.exposure_s,
+        photometry=photometry,
+    )
     if photometry is not None and photometry.aperture_mm > 0:
         focused = _focused(renderer, photometry)
         stages.append(lambda luma, number, time_s: focused(luma))
+    stages += disturber.before_lens(renderer.rays, lit.depth_at_rest())
     if recording.defocus_px > 0:
         stages.append(lambda luma, number, time_s: defocus(luma, recording.defocus_px))
     if photometry is not None and photometry.vignetting > 0:
@@ -114,6 +128,7 @@ def _stages(plan: Preset, renderer: Renderer, view: int) -> list[_Stage]:
         stages.append(lambda luma, number, time_s: np.float32(BLACK) + (luma - np.float32(BLACK)) * share)
     if glare is not None:
         stages.append(lambda luma, number, time_s: add_glare(luma, glare, time_s=time_s))
+    stages += disturber.after_lens(recording.rolling_shutter_s)
     if recording.light < 1:
         stages.append(lambda luma, number, time_s: lower_light(luma, recording.light))
     if recording.stabilization is not None:
@@ -136,13 +151,18 @@ def _frames(plan: Preset, lit: _LitRenderer, view: int, fastest: float) -> Itera
         seed=(plan.seed, view),
         photometry=recording.photometry,
     )
-    stages = _stages(plan, renderer, view)
+    stages, shown = _stages(plan, lit, view), np.empty(0, np.uint8)
+    repeated = plan.repeated(view)
     for number, time in enumerate(plan.frame_times(view)):
+        if repeated[number]:
+            yield shown
+            continue
         instants = compute_exposure_times(float(time), recording.exposure_s, samples)
         luma = _exposed(lit, plan.motion, instants, recording.rolling_shutter_s)
         for stage in stages:
             luma = stage(luma, number, float(time))
-        yield imager.expose(luma, number)
+        shown = imager.expose(luma, number)
+        yield shown
 
 
 def _exposed(lit: _LitRenderer, motion: Motion, instants: FloatArray, read_out_s: float) -> _Luma:

@@ -95,6 +95,9 @@ class GirderBridgeSite:
         Distance between stiffeners [m], and the number of the bay with a bolted splice, counted from the far end.
     post_m, bar_m, bar_width_m
         Distances between posts and between bars of the railing, and width of a bar [m].
+    bars_alike
+        Whether the railing's bars have neither grain nor stains, so that each looks like the next; one of them is then
+        a point, too.
     measured_post
         Number of the post that is measured, counted from the far end.
     image_size
@@ -118,6 +121,7 @@ class GirderBridgeSite:
     post_m: float = 1.15
     bar_m: float = 0.14
     bar_width_m: float = 0.016
+    bars_alike: bool = False
     measured_post: int = 3
     image_size: tuple[int, int] = (1280, 720)
 
@@ -183,13 +187,21 @@ class GirderBridgeSite:
         """Longitudinal coordinate of the middle of a post, counted from the far end [m]."""
         return self.end_m - 0.55 - number * self.post_m
 
+    def bar_at_m(self, number: int) -> float:
+        """Longitudinal coordinate of the middle of a bar of the railing, counted from the far end [m]."""
+        return self.post_at_m(0) + 0.3 - (number + 0.5) * self.bar_m
+
     def points(self) -> dict[str, Triple]:
         """Places on the surfaces by name; the last three stand still [m]."""
         X, Y, end = self.perpendicular_m, self.deck_m, self.end_m
         bolts = self.stiffener_m(self.splice) + 0.5 * self.bay_m
         post = self.post_at_m(self.measured_post)
         first, second = (self.stiffener_m(self.splice - number) for number in (1, 2))
+        # The bar nearest to the middle between two posts.
+        nearest = round((self.bar_at_m(0) - post + 0.5 * self.post_m) / self.bar_m)
+        bar = (X + _POST[0] + 0.5 * _POST[1], Y - _SLAB - 0.5 * _RAILING + 0.02, self.bar_at_m(nearest))
         return {
+            **({"bar": bar} if self.bars_alike else {}),
             "bolts": (X + _PLATE, Y + 0.31, bolts),
             "concrete": (X + _FASCIA, Y - 0.5 * _SLAB, bolts - 0.12),
             "flange": (X - 0.02, Y + _WEB + 0.5 * _FLANGE, first + 0.27 * self.bay_m),
@@ -338,13 +350,14 @@ def _add_railing(builder: Builder, site: GirderBridgeSite) -> None:
             builder.add_box(f"anchor {number} {place}", (nut, (0.026, 0.035, 0.026)), site.surfaces.bolt, moving=True)
         number += 1
     bars = int((last - first) / site.bar_m)
+    bar_steel = replace(steel, contrast=0.0, stains=0.0) if site.bars_alike else steel
     for number in range(bars):
-        z = last - (number + 0.5) * site.bar_m
+        z = site.bar_at_m(number)
         start = np.array([front + 0.5 * depth, top - _RAILING + 0.17, z]) - 0.5 * site.bar_width_m * heading
         width = site.bar_width_m * heading
         x, y, w = (float(value) for value in start)
         edges = ((float(width[0]), 0.0, float(width[2])), down(_RAILING - 0.30))
-        builder.add(f"bar {number}", (x, y, w), edges, steel, moving=True)
+        builder.add(f"bar {number}", (x, y, w), edges, bar_steel, moving=True)
     for name, up, height in (("low rail", 0.13, 0.03), ("high rail", _RAILING - 0.15, 0.03), ("hand", _RAILING, 0.055)):
         corner = (front + 0.01, top - up - 0.5 * height, first)
         builder.add_box(name, (corner, (0.04, height, last - first)), steel, moving=True, sides=("front", "bottom"))

@@ -6,16 +6,19 @@ from typing import Literal
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.studies.synthetic.defects import Glare, Stabilization
+from vfm_sdm.studies.synthetic.disturbances import Disturbances, random_stream
 from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
 from vfm_sdm.studies.synthetic.girder_bridge import GirderBridgeSite
 from vfm_sdm.studies.synthetic.motion import Motion
 from vfm_sdm.studies.synthetic.photometry import Photometry
 from vfm_sdm.studies.synthetic.sensors import Accelerometer
+from vfm_sdm.studies.synthetic.timing import Schedule, Timing
 
 __all__ = [
+    "Blunder",
     "FurtherReadings",
     "MountedAccelerometer",
     "Preset",
@@ -108,6 +111,23 @@ class FurtherReadings:
 
 
 @dataclass(frozen=True)
+class Blunder:
+    """A reading noted wrong, far beyond its standard deviation.
+
+    Parameters
+    ----------
+    reading
+        ``baseline``, ``perpendicular_distance``, ``longitudinal_distance``, ``range``, or ``length 1``, ``length 2``
+        and so on in the order of the session.
+    error_m
+        Added to what would have been noted [m].
+    """
+
+    reading: str
+    error_m: float
+
+
+@dataclass(frozen=True)
 class Recording:
     """How one camera records, in the order in which light and processing act.
 
@@ -137,6 +157,8 @@ class Recording:
         Seconds of the camera's clock in a true second [1].
     photometry
         Lens and sensor that get linear light from the scene; without it, the scene's luma is that of the video.
+    disturbances
+        Weather, light, people, wind and timing that are unkind.
 
     Raises
     ------
@@ -157,6 +179,7 @@ class Recording:
     clock_rate: float = 1.0
     # Not printed, so that a film without it is told apart as before (`field_test._film_hash`).
     photometry: Photometry | None = field(default=None, repr=False)
+    disturbances: Disturbances = field(default=Disturbances(), repr=False)
 
     def __post_init__(self) -> None:
         least = min(self.exposure_s, self.rolling_shutter_s, self.defocus_px, self.noise_std, self.sharpening)
@@ -217,6 +240,8 @@ class Preset:
         Of the session [px].
     synchronization
         Of the session: ``motion``, or ``none`` for cameras that are known to start together.
+    blunders
+        Readings noted wrong in both session files.
     views
         Names of the views, which are those of their videos.
 
@@ -248,6 +273,7 @@ class Preset:
     subset_px: int = 61
     synchronization: Literal["motion", "none"] = "motion"
     encoder: Mapping[str, str] = field(default_factory=lambda: {"preset": "superfast", "threads": "2"})
+    blunders: tuple[Blunder, ...] = ()
     views: tuple[str, ...] = ("left", "right")
 
     def __post_init__(self) -> None:
@@ -274,9 +300,24 @@ class Preset:
 
     @property
     def frames(self) -> int:
-        """Number of frames of each video."""
+        """Number of frames of each video without dropped ones."""
         return round(self.duration_s * self.fps)
 
     def frame_times(self, view: int) -> FloatArray:
         """True times of the frames of a view, 0 the reference, shape (frames,) [s]."""
-        return self.recordings[view].frame_times(self.frames, self.fps)
+        recording = self.recordings[view]
+        if recording.disturbances.timing is None:
+            return recording.frame_times(self.frames, self.fps)
+        return recording.start_s + self._schedule(view).stamps / self.fps / recording.clock_rate
+
+    def stamps(self, view: int) -> FloatArray:
+        """Stamps of the frames of a view on its own clock, shape (frames,) [frame intervals]."""
+        return self._schedule(view).stamps
+
+    def repeated(self, view: int) -> BoolArray:
+        """Whether each frame of a view shows the picture before it once more, shape (frames,)."""
+        return self._schedule(view).repeated
+
+    def _schedule(self, view: int) -> Schedule:
+        timing = self.recordings[view].disturbances.timing or Timing()
+        return timing.schedule(self.frames, seed=random_stream(self.seed, view, "timing"))

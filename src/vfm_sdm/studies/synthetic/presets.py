@@ -1,8 +1,8 @@
-"""The virtual field tests: twins of the paper's sequences Data-1 to Data-4, and two of real surfaces.
+"""The virtual field tests: twins of the paper's sequences Data-1 to Data-4, two of real surfaces, four hostile ones.
 
 Of the twins, baselines, monitored points, conditions and peak-to-peak amplitudes are the paper's (its tables of data
 sets and of amplitudes, and the appendix on phones); everything else is chosen to be plausible for such a bridge. The
-others are those of `vfm_sdm.studies.synthetic.surface_presets`.
+others are those of `vfm_sdm.studies.synthetic.surface_presets` and `vfm_sdm.studies.synthetic.hostile_presets`.
 """
 
 from collections.abc import Callable
@@ -16,12 +16,24 @@ from vfm_sdm.studies.synthetic.amplitudes import PeakToPeak, scale_to_amplitudes
 from vfm_sdm.studies.synthetic.defects import Glare, Stabilization
 from vfm_sdm.studies.synthetic.excitation import BendingMode, ForcedMotion
 from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, Standpoint
+from vfm_sdm.studies.synthetic.hostile_presets import HOSTILE, HostileName, hostile_preset
 from vfm_sdm.studies.synthetic.pedestrians import Pedestrian
 from vfm_sdm.studies.synthetic.plan import MountedAccelerometer, Preset, Recording, SiteErrors, SitePoint
 from vfm_sdm.studies.synthetic.sensors import Accelerometer
 from vfm_sdm.studies.synthetic.surface_presets import SURFACES, SurfaceName, surface_preset
 
-__all__ = ["PRESETS", "SIZES", "SURFACES", "Preset", "PresetName", "Size", "SurfaceName", "preset"]
+__all__ = [
+    "HOSTILE",
+    "PRESETS",
+    "SIZES",
+    "SURFACES",
+    "HostileName",
+    "Preset",
+    "PresetName",
+    "Size",
+    "SurfaceName",
+    "preset",
+]
 
 PresetName = Literal["data-1", "data-2", "data-3", "data-4"]
 Size = Literal["full", "small"]
@@ -71,15 +83,15 @@ class _Sequence:
     within_assumptions: bool = True
 
 
-def preset(name: PresetName | SurfaceName, size: Size = "full") -> Preset:
+def preset(name: PresetName | SurfaceName | HostileName, size: Size = "full") -> Preset:
     """A virtual field test.
 
     Parameters
     ----------
     name
-        ``data-1`` to ``data-4``, ``surface-1``, ``surface-2``.
+        ``data-1`` to ``data-4``, ``surface-1``, ``surface-2``, ``hostile-1`` to ``hostile-4``.
     size
-        ``full``: 3840 x 2160 px, 60 fps, 16 s. ``small``: half the width (of ``surface-1`` and ``surface-2`` a third),
+        ``full``: 3840 x 2160 px, 60 fps, 16 s. ``small``: half the width (of the others than ``data-...`` a third),
         half the frame rate and 8 s, with the same field of view and the same amplitudes.
 
     Raises
@@ -93,12 +105,13 @@ def preset(name: PresetName | SurfaceName, size: Size = "full") -> Preset:
     >>> test.fps, test.duration_s, test.site.image_size
     (30, 8.0, (1920, 1080))
     """
-    if name not in (*PRESETS, *SURFACES) or size not in SIZES:
-        raise DatasetError(
-            f"preset: expected one of {(*PRESETS, *SURFACES)} in {SIZES}, got {name!r} in {size!r}; use one of them"
-        )
+    names = (*PRESETS, *SURFACES, *HOSTILE)
+    if name not in names or size not in SIZES:
+        raise DatasetError(f"preset: expected one of {names} in {SIZES}, got {name!r} in {size!r}; use one of them")
     if name == "surface-1" or name == "surface-2":  # noqa: PLR1714 (mypy does not narrow by `in`)
         return surface_preset(name, small=size == "small")
+    if name == "hostile-1" or name == "hostile-2" or name == "hostile-3" or name == "hostile-4":  # noqa: PLR1714
+        return hostile_preset(name, small=size == "small")
     sequence = _SEQUENCES[name]()
     width, fps, duration_s = (_FULL_WIDTH, 60, 16.0) if size == "full" else (_FULL_WIDTH // 2, 30, 8.0)
     site = _make_site(sequence, width)

@@ -1,9 +1,10 @@
-"""Files of synthetic frames as a camera writes them: H.264 with exact time stamps."""
+"""Files of synthetic frames as a camera writes them: H.264 or HEVC with exact time stamps."""
 
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import av
 import numpy as np
@@ -12,10 +13,14 @@ import numpy.typing as npt
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.errors import VideoError
 
+if TYPE_CHECKING:
+    from av import VideoStream
+
 __all__ = ["write_video"]
 
 _LIMITED_RANGE = 1
 """FFmpeg's code for luma from 16 to 235."""
+_KINDS = {"libx264": "H.264", "libx265": "HEVC"}
 _TIME_BASE = 512
 """Ticks of the container's clock in a frame interval."""
 
@@ -27,8 +32,9 @@ def write_video(
     fps: Fraction | int,
     chroma: npt.NDArray[np.uint8] | None = None,
     options: Mapping[str, str],
+    stamps: npt.ArrayLike | None = None,
 ) -> Path:
-    """Writes frames as H.264, 4:2:0, to an MP4 or another container named by the suffix.
+    """Writes frames as H.264 or HEVC, 4:2:0, to an MP4 or another container named by the suffix.
 
     Parameters
     ----------
@@ -41,8 +47,12 @@ def write_video(
     chroma
         Chroma of all frames, shape (2, H / 2, W / 2); grey when None.
     options
-        Options of the encoder x264, such as ``{"crf": "14", "preset": "fast", "threads": "2"}``. Two runs give the same
-        bytes when the number of threads is fixed.
+        Options of the encoder x264, such as ``{"crf": "14", "preset": "fast", "threads": "2"}``; of another one, such
+        as ``libx265`` for HEVC, with its name as ``codec``. Two runs give the same bytes when the number of threads is
+        fixed.
+    stamps
+        Time stamps that rise, one a frame at least, shape (N,) [frame intervals]; 0, 1, 2, ... when ``None``. Rounded
+        to 1/512 of an interval.
 
     Raises
     ------
@@ -61,6 +71,9 @@ def write_video(
     """
     target = Path(path)
     rate = Fraction(fps)
+    settings = dict(options)
+    codec = settings.pop("codec", "libx264")
+    ticks = None if stamps is None else np.rint(_TIME_BASE * np.asarray(stamps, np.float64)).astype(int).tolist()
     try:
         with (
             replace_file(target) as temporary,
@@ -68,7 +81,7 @@ def write_video(
             ThreadPoolExecutor(1) as worker,
         ):
             encoded: Future[None] | None = None
-            stream = container.add_stream("libx264", rate=rate, options=dict(options))
+            stream = cast("VideoStream", container.add_stream(codec, rate=rate, options=settings))
             stream.pix_fmt = "yuv420p"
             stream.codec_context.color_range = _LIMITED_RANGE
             # Finer than a frame, because the muxer rounds decoding times of reordered frames to it.
@@ -77,7 +90,8 @@ def write_video(
 
             def encode(picture: npt.NDArray[np.uint8], number: int) -> None:
                 frame = av.VideoFrame.from_ndarray(picture, format="yuv420p")
-                frame.pts, frame.time_base = number * _TIME_BASE, stream.codec_context.time_base
+                frame.pts = number * _TIME_BASE if ticks is None else ticks[number]
+                frame.time_base = stream.codec_context.time_base
                 container.mux(stream.encode(frame))
 
             for number, luma in enumerate(frames):
@@ -101,7 +115,8 @@ def write_video(
                 encoded.result()
             container.mux(stream.encode(None))
     except av.FFmpegError as error:
-        raise VideoError(f"{target}: expected to write H.264 with {dict(options)}, got: {error}; check both") from error
+        kind = _KINDS.get(codec, codec)
+        raise VideoError(f"{target}: expected to write {kind} with {settings}, got: {error}; check both") from error
     return target
 
 

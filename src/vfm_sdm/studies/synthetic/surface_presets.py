@@ -6,7 +6,7 @@ is seen through telephoto lenses, `surface-2` through wider ones at twice the co
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from vfm_sdm.studies.synthetic.amplitudes import PeakToPeak, scale_to_amplitudes
@@ -25,6 +25,8 @@ SurfaceName = Literal["surface-1", "surface-2"]
 SURFACES: tuple[SurfaceName, ...] = get_args(SurfaceName)
 
 _FULL_WIDTH, _SMALL_WIDTH = 3840, 1280
+_SMALL_S = 8.0
+"""Duration at small size, in which the amplitudes are reached: the motion is the same at both sizes."""
 _STILL_S = 0.6
 _MARGIN_S = 3.0
 """Motion beyond the videos, for clocks that start late."""
@@ -44,10 +46,14 @@ class _Surface:
     seed: int
 
 
-def surface_preset(name: SurfaceName, *, small: bool) -> Preset:
-    """A field test of real surfaces; see `vfm_sdm.studies.synthetic.presets.preset`."""
-    width, fps, duration_s = (_SMALL_WIDTH, 30, 8.0) if small else (_FULL_WIDTH, 60, 16.0)
+def surface_preset(name: SurfaceName, *, small: bool, bars_alike: bool = False) -> Preset:
+    """A field test of real surfaces, with bars of the railing of which each looks like the next or not.
+
+    See `vfm_sdm.studies.synthetic.presets.preset` and `vfm_sdm.studies.synthetic.girder_bridge.GirderBridgeSite`.
+    """
+    width, fps, duration_s = (_SMALL_WIDTH, 30, _SMALL_S) if small else (_FULL_WIDTH, 60, 16.0)
     surface = _SURFACES[name]((width, width * 9 // 16))
+    surface = replace(surface, site=replace(surface.site, bars_alike=bars_alike))
     return Preset(
         name=name,
         size="small" if small else "full",
@@ -86,7 +92,7 @@ def _make_motion(surface: _Surface, duration_s: float) -> ForcedMotion:
     )
     for axis, (half, third) in zip(("vertical", "lateral"), surface.amplitudes_mm, strict=True):
         targets = PeakToPeak(axis, 1 / 2, half), PeakToPeak(axis, 2 / 3, third)
-        motion = scale_to_amplitudes(motion, targets, duration_s=duration_s)
+        motion = scale_to_amplitudes(motion, targets, duration_s=_SMALL_S)
     return motion
 
 

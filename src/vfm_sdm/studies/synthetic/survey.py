@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.datasets import make_points
 from vfm_sdm.core.statuses import PointStatus
+from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import (
     Length,
     Lens,
@@ -22,7 +24,7 @@ from vfm_sdm.inputs.session import (
     View,
 )
 from vfm_sdm.studies.synthetic.girder_bridge import find_on_face
-from vfm_sdm.studies.synthetic.plan import FurtherReadings, Preset, SitePoint
+from vfm_sdm.studies.synthetic.plan import Blunder, FurtherReadings, Preset, SitePoint
 from vfm_sdm.studies.synthetic.scene import Scene, find_hidden
 
 __all__ = ["make_sessions", "true_points"]
@@ -47,6 +49,12 @@ def make_sessions(plan: Preset, folder: Path) -> dict[str, Session]:
     -------
     sessions
         ``session.toml``, and ``session_further.toml`` where the plan has further readings: the same with these.
+        Blunders of the plan stand in both.
+
+    Raises
+    ------
+    DatasetError
+        A blunder is of a reading that no session has.
     """
     rng = np.random.default_rng([plan.seed, len(plan.views)])
 
@@ -57,6 +65,11 @@ def make_sessions(plan: Preset, folder: Path) -> dict[str, Session]:
     sessions = {"session.toml": session}
     if plan.further is not None:
         sessions["session_further.toml"] = _read_further(session, plan, plan.further, error)
+    for blunder in plan.blunders:
+        done = {name: _misread(noted, blunder) for name, noted in sessions.items()}
+        if done == sessions:
+            raise DatasetError(f"blunder: expected a reading of a session, got {blunder.reading!r}; name one")
+        sessions = done
     return sessions
 
 
@@ -198,6 +211,19 @@ def _read_further(session: Session, plan: Preset, further: FurtherReadings, erro
             "site": session.site.model_copy(update=more),
         }
     )
+
+
+def _misread(session: Session, blunder: Blunder) -> Session:
+    """The session with one reading off; as it is where it lacks that reading."""
+    kind, _, number = blunder.reading.partition(" ")
+    several, place = kind in ("length", "range"), int(number or 1) - 1
+    noted: Any = getattr(session.site, kind, None) or ()
+    readings = noted if several or noted == () else (noted,)
+    if not 0 <= place < len(readings):
+        return session
+    wrong = readings[place].model_copy(update={"value": round(readings[place].value + blunder.error_m, 3)})
+    update = {kind: (*readings[:place], wrong, *readings[place + 1 :]) if several else wrong}
+    return session.model_copy(update={"site": session.site.model_copy(update=update)})
 
 
 def _tape(exact: float, std: float, error: _Error) -> Measured:

@@ -82,3 +82,23 @@ def test_an_interrupted_recording_leaves_the_earlier_one(tmp_path):
         write_video(tmp_path / "a.mp4", broken(), fps=30, options={})
     assert (tmp_path / "a.mp4").read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_stated_stamps_are_kept_to_a_512th_of_an_interval(tmp_path):
+    stamps = [0.0, 0.9, 2.05, 3.0, 5.5]
+    write_video(tmp_path / "a.mp4", frames(5), fps=30, options={"preset": "medium"}, stamps=stamps)
+    times, _ = read(tmp_path / "a.mp4")
+    np.testing.assert_allclose([float(30 * time) for time in times], stamps, atol=1 / 1024 + 1e-9)
+
+
+def test_another_codec_is_written_at_its_stated_rate(tmp_path):
+    still = frames(1, size=(96, 128))[0]
+    moving = [np.roll(still, number, axis=1) for number in range(90)]
+    sizes = []
+    for rate in (100_000, 600_000):
+        options = {"codec": "libx265", "preset": "ultrafast", "x265-params": "log-level=none", "b": str(rate)}
+        write_video(tmp_path / "a.mp4", moving, fps=30, options=options)
+        with av.open(str(tmp_path / "a.mp4")) as container:
+            assert container.streams.video[0].codec_context.name == "hevc"
+        sizes.append((tmp_path / "a.mp4").stat().st_size)
+    assert 2 < sizes[1] / sizes[0] < 6
