@@ -112,18 +112,17 @@ def undistort(distorted: FloatArray, coefficients: FloatArray) -> FloatArray:
     """
     if not np.any(coefficients):
         return distorted.copy()
-    k1, k2, p1, p2, k3 = np.asarray(coefficients, np.float64).tolist()
+    k1, k2, _, _, k3 = np.asarray(coefficients, np.float64).tolist()
     wanted = np.ascontiguousarray(distorted, dtype=np.float64)
-    found = _invert(wanted.reshape(-1, 2), k1, k2, p1, p2, k3, _known_fold_radius(k1, k2, k3))
+    found = _invert(wanted.reshape(-1, 2), np.asarray(coefficients, np.float64), _known_fold_radius(k1, k2, k3))
     return np.asarray(found.reshape(wanted.shape))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 @cached_by_code
-def _invert(
-    wanted: FloatArray, k1: float, k2: float, p1: float, p2: float, k3: float, fold: float
-) -> FloatArray:  # pragma: no cover - compiled
+def _invert(wanted: FloatArray, coefficients: FloatArray, fold: float) -> FloatArray:  # pragma: no cover - compiled
     """Newton's method for each point (N, 2), with `distort` and `distort_derivative`, which share their terms."""
+    k1, k2, p1, p2, k3 = coefficients
     found = np.empty_like(wanted)
     for index in range(len(wanted)):
         wanted_x, wanted_y = wanted[index]
