@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info
 
 from vfm_sdm.core.products import Chain, Kept, product
 from vfm_sdm.errors import ResultsError
@@ -168,3 +169,12 @@ def test_a_product_of_ones_own_takes_the_place_of_ours():
     assert Doubled.products() == Sums.products()
     assert Doubled(Numbers(), None).sign == -1
     assert Doubled(Numbers(b=9), None).key("total") == Doubled(Numbers(), None).key("total")
+
+
+def test_products_are_made_with_one_thread_for_small_algebra():
+    class Threads(Chain[Numbers]):
+        @product()
+        def counted(self, numbers: Numbers) -> list[int]:
+            return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
+
+    assert set(Threads(Numbers(1, 2, 3), None).counted) == {1}

@@ -129,3 +129,21 @@ def test_halves_that_give_another_roll_say_that_chance_decides(start):
     assert widened.status == CameraStatus.NOT_CLEAR
     assert any("halves of the matches" in note for note in widened.notes)
     assert np.sqrt(widened.rig.covariance[16, 16]) > np.radians(1)
+
+
+@pytest.mark.parametrize(("relative_std", "starts"), [(0.01, 1), (0.5, 6)])
+def test_a_lens_that_may_be_longer_than_stated_gets_other_starts(start, relative_std, starts):
+    second, one = start
+    # Forty degrees as stated, fifteen at two standard deviations of the weaker statement.
+    wide = [replace(camera, K=np.diag([0.25, 0.25, 1.0]) @ camera.K) for camera in (LENS, second)]
+    rig = free_prior(wide)
+    covariance = np.array(rig.covariance)
+    covariance[0, 0] = covariance[10, 10] = relative_std**2
+    asked = []
+
+    def adjust(hypothesis):
+        asked.append(hypothesis)
+        return adjust_to_site(hypothesis.rig, (), make_session().site)
+
+    weigh_hypotheses(make_session(), [Hypothesis(replace(rig, covariance=covariance), one.matches)], adjust)
+    assert len(asked) == starts
