@@ -29,6 +29,8 @@ _BLOCK = 20_000
 """Trials that are computed at once."""
 _TAIL = 0.02275
 """Probability beyond two standard deviations on one side of a normal distribution."""
+_ORIGIN = 1e-3
+"""Share of the usual standard deviation below which a sample is its own origin [1]."""
 _MM_PER_M = 1e3
 
 
@@ -173,6 +175,8 @@ def _choose_samples(model: BudgetModel, point: int) -> dict[int | str, int]:
     linear = data["uncertainty"].sel(component="random").values
     usable = (data["status"].values == Status.OK) & np.isfinite(values).all(axis=-1) & np.isfinite(linear).all(axis=-1)
     usable &= np.isfinite(pixels).all(axis=-1).sum(axis=0) >= 2
+    # Where displacement is zero by its definition there is no interval to compare.
+    usable &= (linear > _ORIGIN * np.nanmedian(linear, axis=0)).all(axis=-1)
     if not usable.any() or find_edges(model.tracks)[point]:
         return {}
     amounts = np.where(usable[:, None], np.abs(values), -1.0)

@@ -32,6 +32,8 @@ _FILTERS = len(_VALUE) // 2 + len(SMOOTHING) // 2  # pixels around a subset that
 _MARGIN = _FILTERS + 9  # the spline's coefficients settle over 9 pixels, to 0.43^9
 NEIGHBOURS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
 """Correlations of the noise of neighbouring pixels for which the covariance of a designed subset is prepared."""
+_NEXT_TO_NOTHING = 1e-9
+"""Share of the noise that holds only what no texture at all determines."""
 _BATCH = 32  # subsets prepared at one time; bounds the memory
 
 
@@ -84,11 +86,11 @@ class ReferenceSubsets(NamedTuple):
 
 def prepare_subsets(
     reference: LumaArray,
-    centers: IntArray,
-    offsets: FloatArray,
+    places: tuple[IntArray, FloatArray],
     half: int,
     *,
     designs: Sequence[SubsetDesign] | None = None,
+    moderate: bool = True,
     executor: Executor | None = None,
 ) -> ReferenceSubsets:
     """Gradients and matrices of the subsets around pixels of the reference image.
@@ -97,14 +99,15 @@ def prepare_subsets(
     ----------
     reference
         Reference image, shape (H, W).
-    centers
-        Pixels at least ``half`` away from the border, shape (P, 2) [px].
-    offsets
-        Vectors from the centre to the named point, shape (P, 2) [px].
+    places
+        Centres, pixels at least ``half`` away from the border, and vectors from them to the named points, shape (P, 2)
+        each [px].
     half
         Half the side of the subset, without its centre [px].
     designs
         Warp and mask of each of the P subsets, all of this size; affine and whole by default.
+    moderate
+        Whether rotation and strain are small, so that those that the texture does not determine may be held.
     executor
         Threads that share the work; without them, it runs in this thread.
 
@@ -131,17 +134,18 @@ def prepare_subsets(
     Examples
     --------
     >>> image = np.random.default_rng(0).integers(0, 255, (60, 80), dtype=np.uint8)
-    >>> prepared = prepare_subsets(image, np.array([[40, 30]]), np.zeros((1, 2)), 10)
+    >>> prepared = prepare_subsets(image, (np.array([[40, 30]]), np.zeros((1, 2))), 10)
     >>> prepared.pixels.shape, prepared.usable.tolist()
     ((1, 3, 441), [True])
     """
     # Of all points together: a batch without shading has as many surfaces, of zeros.
+    centers, offsets = places
     shading = _stack_shading(designs, len(centers), half)
 
     def prepare(start: int) -> tuple[npt.NDArray[Any], ...]:
         some = slice(start, start + _BATCH)
         chosen = None if designs is None else designs[some]
-        return _prepare(reference, centers[some], offsets[some], half, chosen, shading[some])
+        return _prepare(reference, (centers[some], offsets[some]), half, chosen, shading[some], moderate)
 
     starts = range(0, max(len(centers), 1), _BATCH)
     parts = map(prepare, starts) if executor is None else executor.map(prepare, starts)
@@ -204,13 +208,14 @@ def _stack_shading(designs: Sequence[SubsetDesign] | None, points: int, half: in
 
 def _prepare(
     reference: LumaArray,
-    centers: IntArray,
-    offsets: FloatArray,
+    places: tuple[IntArray, FloatArray],
     half: int,
     designs: Sequence[SubsetDesign] | None,
     shading: FloatArray,
+    moderate: bool,
 ) -> tuple[npt.NDArray[Any], ...]:
     """The fields of `ReferenceSubsets` without grid and masks, for one batch of points."""
+    centers, offsets = places
     windows = _cut_windows(reference, centers, half + _MARGIN)
     core = np.s_[:, _MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
     points, side2 = len(centers), (2 * half + 1) ** 2
@@ -231,7 +236,8 @@ def _prepare(
     M, hessian, scatter = _normal_matrix(S, T, design), _normal_matrix(T, T, design), _normal_matrix(S, S, design)
 
     bases = None if designs is None else [one.basis() for one in designs]
-    inverse, usable = invert_determined(M, _noise_of_linear(windows[core], believed), bases)
+    noise = (1.0 if moderate else _NEXT_TO_NOTHING) * _noise_of_linear(windows[core], believed)
+    inverse, usable = invert_determined(M, noise, bases)
     usable &= S.norm2 > 0
     J = np.zeros((points, 2, 6))
     J[:, 0, 0] = J[:, 1, 3] = 1

@@ -84,6 +84,7 @@ class SubsetBank:
         *,
         subset_px: int = 41,
         designs: Sequence[SubsetDesign | None] | None = None,
+        moderate: bool = True,
         executor: Executor | None = None,
     ) -> "SubsetBank":
         """Bank of the subsets around points of a reference image.
@@ -98,6 +99,9 @@ class SubsetBank:
             Side of the subsets, odd [px], where there are no designs.
         designs
             Size, warp and mask of each of the P subsets; ``None`` for a point that is not to be registered.
+        moderate
+            Whether rotation and strain are small, as in a recording and not between views, so that those that the
+            texture does not determine may be held.
         executor
             Threads that share the work; without them, it runs in this thread.
 
@@ -130,8 +134,9 @@ class SubsetBank:
         for side in np.unique(sides[sides > 1]).tolist() if designs is not None else [subset_px]:
             rows = np.flatnonzero(sides == side)
             of_side = None if designs is None else [d for d in designs if d is not None and d.subset_px == side]
+            places = safe[rows], (points2d - centers)[rows]
             subsets = prepare_subsets(
-                reference, safe[rows], (points2d - centers)[rows], side // 2, designs=of_side, executor=executor
+                reference, places, side // 2, designs=of_side, moderate=moderate, executor=executor
             )
             usable[rows] = inside[rows] & subsets.usable
             prepared.append((rows, subsets))
@@ -401,7 +406,7 @@ def register_subset(
     points = as_float_array(points_reference, "points_reference", (None, 2))
     distinct, rows = np.unique(points, axis=0, return_inverse=True)
     with ThreadPoolExecutor(os.cpu_count() or 1) as executor:
-        bank = SubsetBank.prepare(reference, distinct, subset_px=subset_px, executor=executor)
+        bank = SubsetBank.prepare(reference, distinct, subset_px=subset_px, moderate=False, executor=executor)
         return bank.register(
             current,
             starts.position,

@@ -81,3 +81,18 @@ def test_without_a_place_nothing_is_left():
     inverse, fixed = invert_determined(M, np.eye(4)[None])
     assert not fixed.any()
     assert np.isfinite(inverse).all()
+
+
+def test_between_views_nothing_is_held_and_an_edge_is_of_no_use():
+    noise = np.random.default_rng(5).normal(0, 1, (SIDE, SIDE))
+    columns = np.indices((SIDE, SIDE))[1]
+    target, edge = (
+        np.clip(np.rint(picture + noise), 0, 255).astype(np.uint8)
+        for picture in (draw_target(), 120 + 60 * erf((columns - MIDDLE[0]) / 2))
+    )
+    in_time, between_views = (
+        SubsetBank.prepare(target, MIDDLE[None], subset_px=41, moderate=moderate) for moderate in (True, False)
+    )
+    assert in_time.freedoms[0] < between_views.freedoms[0] == 6
+    bare = np.tile(edge[:1], (SIDE, 1))
+    assert not SubsetBank.prepare(bare, MIDDLE[None], subset_px=41, moderate=False).usable[0]
