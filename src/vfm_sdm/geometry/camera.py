@@ -197,6 +197,22 @@ class Camera:
         x = (u[..., 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0]
         return undistort(np.stack([x, y], axis=-1), self.distortion)
 
+    def turn_to(self, other: "Camera") -> float:
+        """Angle by which another camera is turned against this one [rad].
+
+        Parameters
+        ----------
+        other
+            A camera in the same frame.
+
+        Examples
+        --------
+        >>> camera = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+        >>> round(camera.turn_to(camera.perturbed([0, 0, 0, 0, 0.1, 0, 0, 0, 0, 0])), 6)
+        0.1
+        """
+        return float(Rotation.from_matrix(self.rotation @ other.rotation.T).magnitude())
+
     def perturbed(self, delta: npt.ArrayLike) -> "Camera":
         """The camera with its uncertain parameters changed by a small step.
 

@@ -20,7 +20,7 @@ from vfm_sdm.stages.cameras.relative_pose import count_places, number_cells
 from vfm_sdm.stages.matching.face import Face
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["PoseOnFace", "propose_poses", "told_agree"]
+__all__ = ["TOLD_STD", "PoseOnFace", "propose_poses", "told_agree"]
 
 _DIRECTIONS = 72
 """Directions of the baseline that are tried, 5 degrees apart: a turn by half of that moves a point on the face by less
@@ -37,7 +37,7 @@ _VOTES, _FITTED = 4, 6
 _TOLD = 3
 """Places that somebody told on the face from which they propose a pose by themselves: six numbers for the five of a
 pose on the ground."""
-_TOLD_STD = 4.0
+TOLD_STD = 4.0
 """Standard deviations within which a told place agrees with a pose."""
 _LEVEL_STD = np.radians(1.5)
 _HEIGHT_STD_M = 0.5
@@ -176,7 +176,7 @@ class _Ground:
 
     def tolerance(self, share: float) -> float:
         """A tolerance over the longer side, or what pointing needs, where somebody pointed [1]."""
-        return max(share, _TOLD_STD * self.std_px / self.long_side_px)
+        return max(share, TOLD_STD * self.std_px / self.long_side_px)
 
     def errors(self, rotations: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Errors across and along the images of the lines of sight, and the length of a standard deviation along them.

@@ -166,7 +166,7 @@ def _fits(session: Session, one: Hypothesis, found: SiteAdjustment) -> bool:
 def _turn(one: SiteAdjustment, other: SiteAdjustment) -> float:
     """Largest angle between the cameras of two solutions [rad]."""
     pairs = zip(one.rig.cameras, other.rig.cameras, strict=True)
-    return float(max(Rotation.from_matrix(a.rotation @ b.rotation.T).magnitude() for a, b in pairs))
+    return max(a.turn_to(b) for a, b in pairs)
 
 
 def _spread(adjusted: SiteAdjustment, rivals: Sequence[SiteAdjustment]) -> SiteAdjustment:

@@ -4,14 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Readings, Session, quiet_frames
-from vfm_sdm.stages.cameras.face_poses import PoseOnFace, propose_poses, told_agree
+from vfm_sdm.stages.cameras.face_poses import TOLD_STD, PoseOnFace, propose_poses, told_agree
 from vfm_sdm.stages.cameras.relative_pose import (
     Agreement,
     chance_agreement,
@@ -52,7 +51,6 @@ _NOISE = 2e-3
 _DEPTH_STD = 2.5
 _MOST = 0.5
 """Share of the named points that have to agree with a pose: one of them may be a slip."""
-_TOLD_STD = 4.0
 _SAME_RAD = np.radians(3)
 """Angle within which two poses are one."""
 _CONTRADICTED = (
@@ -167,7 +165,7 @@ def relate_to_first(
     for index, name in enumerate(others, start=1):
         # The tape lay between the first two cameras; of the others nobody knows how far they stand.
         pair_names = (first, name)
-        named, told = (_named_pairs(session, pair_names, index, on_face=on_face) for on_face in (False, True))
+        named, told = _named_pairs(session, pair_names, index)
         known = Known(1.0, named=named, told=told)
         if baseline is not None:
             known = replace(
@@ -288,13 +286,16 @@ def _close_ones(one: RelatedView, first: Camera) -> Matches:
     return m.chosen(error <= _CLOSE_STD * _NORMAL * np.median(error))
 
 
-def _named_pairs(session: Session, views: tuple[str, str], index: int, *, on_face: bool = False) -> Matches | None:
-    """Pixels of the points that the session names in both views; all, or those on the face."""
+def _named_pairs(session: Session, views: tuple[str, str], index: int) -> tuple[Matches | None, Matches | None]:
+    """Pixels of the points that the session names in both views, and of those of them on the face."""
     points = named_points(session, views)["position"].transpose("view", "point", "pixel").values
     both = np.isfinite(points).all(axis=(0, 2))
-    if on_face:
-        both &= np.array([not point.static for point in session.point], dtype=np.bool_)
-    return Matches(0, index, points[0, both], points[1, both], std_px=NAMED_STD_PX) if both.any() else None
+    on_face = np.array([not point.static for point in session.point], dtype=np.bool_)
+    named, told = (
+        Matches(0, index, points[0, some], points[1, some], std_px=NAMED_STD_PX) if some.any() else None
+        for some in (both, both & on_face)
+    )
+    return named, told
 
 
 def _propose(matches: Matches, cameras: tuple[Camera, Camera], known: Known, face: Face) -> list[PoseOnFace]:
@@ -308,13 +309,8 @@ def _propose(matches: Matches, cameras: tuple[Camera, Camera], known: Known, fac
         return proposals
     by_hand = propose_poses(known.told, cameras, face, known.baseline_m, known.readings)
     believed = [one for one in proposals if told_agree(one.camera, known.told, cameras[0], face).mean() > _MOST]
-    others = [one for one in by_hand if all(_angle(one.camera, other.camera) > _SAME_RAD for other in believed)]
+    others = [one for one in by_hand if all(one.camera.turn_to(other.camera) > _SAME_RAD for other in believed)]
     return [*believed, *others] or proposals
-
-
-def _angle(one: Camera, other: Camera) -> float:
-    """Angle by which two cameras are turned against each other [rad]."""
-    return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
 
 def _contradicts(one: RelatedView, named: Matches | None, first: Camera) -> bool:
@@ -323,7 +319,7 @@ def _contradicts(one: RelatedView, named: Matches | None, first: Camera) -> bool
         return False
     rig = Rig(("first", "second"), (first, one.camera))
     error = np.abs(sampson_error(named.points_first, named.points_second, rig))
-    limit = 2 * _NOISE * max(first.image_size) + _TOLD_STD * named.std_px
+    limit = 2 * _NOISE * max(first.image_size) + TOLD_STD * named.std_px
     return bool((error < limit).mean() <= _MOST)
 
 
@@ -427,7 +423,7 @@ def _joined(one: RelatedView, free: RelatedView, first: Camera) -> RelatedView |
     rig = Rig(("first", "second"), (first, one.camera))
     m = free.matches
     error = np.abs(sampson_error(m.points_first, m.points_second, rig))
-    turn = _angle(one.camera, free.camera)
+    turn = one.camera.turn_to(free.camera)
     agree = error < 2 * _NOISE * max(first.image_size)
     if scale == 0 or agree.mean() < _AGREEING or turn > np.radians(10):
         return None

@@ -8,7 +8,7 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.datasets import UNMEASURED_STD_PX
 from vfm_sdm.stages.registration.designs import SubsetDesign, Warp
-from vfm_sdm.stages.registration.determined_warps import LINEAR_STD
+from vfm_sdm.stages.registration.determined_warps import LINEAR, LINEAR_STD
 from vfm_sdm.stages.registration.reference_subsets import (
     NEIGHBOURS,
     ReferenceSubsets,
@@ -22,7 +22,6 @@ RIGID_PX = 0.15
 """Largest displacement of a pixel by the warp's linear part that is left to the linearisation."""
 _BRIGHTNESS = 2  # gain and bias: degrees of freedom that a registration takes beside those of the warp
 _AFFINE = 6  # those of an affine warp
-_LINEAR = [1, 2, 4, 5]
 _ROUNDING_PX2 = 1e-12
 
 
@@ -91,7 +90,7 @@ class SubsetNoise:
                 parameters[row] = design.basis().shape[1] + _BRIGHTNESS + design.shadings
                 fixed[row] = _compute_fixed_covariance(design, leakages[row])
         if designs is None:
-            fixed = LINEAR_STD**2 * leakages[:, :, _LINEAR] @ leakages[:, :, _LINEAR].swapaxes(1, 2)
+            fixed = LINEAR_STD**2 * leakages[:, :, LINEAR] @ leakages[:, :, LINEAR].swapaxes(1, 2)
             # Where nothing is held, all that is left is rounding.
             if np.abs(fixed).max(initial=0.0) < _ROUNDING_PX2:
                 return cls(subset_px // 2, pixels, parameters, norm2, unit, share, smooth, None)
@@ -165,7 +164,7 @@ def _white_roughness(fraction: FloatArray, kept: FloatArray, gain: FloatArray) -
 
 def _compute_fixed_covariance(design: SubsetDesign, leakage: FloatArray) -> FloatArray:
     """Covariance of a position from what the warp leaves out, shape (2, 2) [px2], with its leakage (2, 6)."""
-    linear = leakage[:, _LINEAR]
+    linear = leakage[:, LINEAR]
     # An affine warp leaves out what the texture does not determine.
     omitted_std = max(design.omitted_std, LINEAR_STD) if design.warp == Warp.AFFINE else design.omitted_std
     covariance = omitted_std**2 * linear @ linear.T

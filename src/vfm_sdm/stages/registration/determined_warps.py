@@ -7,7 +7,7 @@ from scipy.ndimage import correlate1d
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 
-__all__ = ["LINEAR_STD", "estimate_noise", "invert_determined"]
+__all__ = ["LINEAR", "LINEAR_STD", "estimate_noise", "invert_determined"]
 
 LINEAR_STD = 3e-4
 """Rotation and strain that an ordinary recording makes unseen [1]: the slope of a girder that is bent by 1/10000 of its
@@ -22,7 +22,8 @@ _NORMAL = 1.4826
 _QUANTISATION = 1 / 12
 """Variance of rounding to grey levels, below which no noise is [squared grey levels]."""
 _POSED = 1e-6
-_TRANSLATION, _LINEAR = [0, 3], [1, 2, 4, 5]
+_TRANSLATION, LINEAR = [0, 3], [1, 2, 4, 5]
+"""Parameters of an affine warp that move all of it, and those that turn and strain it."""
 
 
 def estimate_noise(images: FloatArray) -> FloatArray:
@@ -113,18 +114,18 @@ def _is_determined(M: FloatArray, noise: FloatArray) -> BoolArray:
 def _tell_linear(M: FloatArray) -> FloatArray:
     """What matrices (P, 6, 6) tell of the linear warps where translation is free, shape (P, 4, 4)."""
     symmetric = (M + M.swapaxes(1, 2)) / 2
-    place, linear = symmetric[:, _TRANSLATION][:, :, _TRANSLATION], symmetric[:, _LINEAR][:, :, _LINEAR]
-    cross = symmetric[:, _LINEAR][:, :, _TRANSLATION]
+    place, linear = symmetric[:, _TRANSLATION][:, :, _TRANSLATION], symmetric[:, LINEAR][:, :, LINEAR]
+    cross = symmetric[:, LINEAR][:, :, _TRANSLATION]
     # Of an edge, only the direction across has a part in the translation.
     return np.asarray(linear - cross @ np.linalg.pinv(place, rcond=_POSED, hermitian=True) @ cross.swapaxes(1, 2))
 
 
 def _keep_determined(M: FloatArray, noise: FloatArray, basis: FloatArray) -> FloatArray:
     """The part of a basis of warps (6, k) that a matrix (6, 6) determines, shape (6, m)."""
-    moves, bends = basis[:, ~basis[_LINEAR].any(axis=0)], basis[:, basis[_LINEAR].any(axis=0)]
+    moves, bends = basis[:, ~basis[LINEAR].any(axis=0)], basis[:, basis[LINEAR].any(axis=0)]
     if not bends.size:
         return basis
-    L = bends[_LINEAR]
+    L = bends[LINEAR]
     told, chance = L.T @ _tell_linear(M[None])[0] @ L, L.T @ noise @ L
     factor = np.linalg.inv(np.linalg.cholesky(chance))
     clear, directions = np.linalg.eigh(factor @ told @ factor.T)
