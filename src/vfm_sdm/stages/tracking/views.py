@@ -72,7 +72,7 @@ def track_views(
             found = found.assign(_describe_choices(chosen, [str(name) for name in found["point"].values]))
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
         found.attrs["pixel_aspect"] = video.info.pixel_aspect
-        clock = check_frames(found)
+        clock = check_frames(found, alike=video.report.alike)
         tracks[view] = include_track_noise(clock.tracks)
         tracks[view].attrs["recording"] = {
             **asdict(video.report),
