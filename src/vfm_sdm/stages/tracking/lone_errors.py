@@ -88,7 +88,7 @@ def find_lone_errors(position: FloatArray, time_s: FloatArray) -> FloatArray:
     when without it those of its neighbours are what they usually are, which they are not about a ringing; when it goes
     on with the path of neither side, as a sample at a kink does, where an impact sets in; and when the other points of
     the view do not leave their paths in the same frame, as they do with a camera that is hit. What a structure with
-    mass does in one frame and undoes in the next, at one point alone, is none of its motion; it is stated, not replaced.
+    mass does in one frame and undoes in the next, at one point alone, is no motion. It is stated, not replaced.
     """
     usual, departure = _depart(position, _find_even(time_s))
     relative = np.abs(departure) / usual
@@ -160,7 +160,7 @@ def _find_common(relative: FloatArray) -> BoolArray:
 
 
 def _pursue(departure: FloatArray, usual: float) -> FloatArray:
-    """Lone errors (T,) among departures (T,) of a usual size [px]: the largest first, each taken out of those about it."""
+    """Lone errors (T,) among departures (T,) of a usual size [px]: largest first, each taken out of those about it."""
     left, size = departure.copy(), np.full(len(departure), np.nan)
     side = _WEIGHTS[0]
     kernel = np.concatenate([side, [0.0], side[::-1]])
