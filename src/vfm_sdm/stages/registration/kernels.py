@@ -40,8 +40,9 @@ _WHOLE = 2.5
 count at all."""
 _MANY = 0.004
 """Share of outliers from which on something is before the subset: compression leaves heavier tails than normal."""
-_ROUNDING = 0.3
-"""Least scale of residuals [grey levels]: that of rounding to whole levels."""
+_ROUNDING, _MISFIT = 0.3, 0.02
+"""Least scales of residuals: of rounding to whole levels [grey levels], and of warps and interpolation that are not the
+whole truth, as a share of the texture's standard deviation."""
 _REGION_FACTOR = 2  # largest stretch of a subset by the warp; beyond it the registration has diverged
 _FAR = 1e7
 
@@ -133,7 +134,8 @@ def _finds_outliers(values: Single, template: Single, believed: Single, row: int
     """Whether something covers pixels of a subset with a mask that is not tempered yet; if so, it will be.
 
     ``model`` holds the mean and the gain, and gets the scale of the residuals (0: not tempered), which is their root
-    mean square without outliers, and the factor by which fewer pixels raise a variance.
+    mean square without outliers, and the factor by which fewer pixels raise a variance; the last is the scale's least
+    square.
     """
     if believed.shape[0] == 0 or model[2] > 0.0:
         return False
@@ -149,7 +151,7 @@ def _finds_outliers(values: Single, template: Single, believed: Single, row: int
                 if left2 <= limit2:
                     squares += left2
                     inside += 1.0
-        scale2 = max(squares / max(inside, 1.0), _ROUNDING * _ROUNDING)
+        scale2 = max(squares / max(inside, 1.0), model[4])
         limit2 = _OUTLIER * _OUTLIER * scale2
     if total - inside <= _MANY * total:
         return False
@@ -291,11 +293,12 @@ def register_subsets(
     weights = np.empty((2, TAPS), np.float32)
     box, grid = np.empty(4, np.int64), np.empty(6)
     sums, step, measure, shares = np.empty(9), np.empty(6), np.empty(3), np.empty(shading.shape[1])
-    model = np.zeros(4)  # mean, gain and scale of residuals, and what fewer pixels make of a variance
+    model = np.zeros(5)  # see `_finds_outliers`
     for k in range(share[0], share[1]):
         row, warp = rows[k], warps[k]
         box[2], before = 0, 1e-12
         model[2], model[3] = 0.0, 1.0
+        model[4] = max(_ROUNDING * _ROUNDING, _MISFIT * _MISFIT * moments[row, 0] / moments[row, 13])
         outcome[k, 0], outcome[k, 1], outcome[k, 2] = FAILED, max_iterations, np.nan
         for iteration in range(max_iterations):
             for i in range(6):  # an array assignment would double the time of compilation

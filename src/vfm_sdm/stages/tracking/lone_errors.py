@@ -145,7 +145,8 @@ def _leaves_both_sides(position: FloatArray, departure: FloatArray) -> BoolArray
         known = np.isfinite(sides).any(axis=(0, 1))
         usual = np.nanmedian(np.abs(np.where(known, sides, np.inf)), axis=(0, 1))
         # The order that goes on best with this point's motion and noise.
-        share, least = np.where(usual < least, sides / departure, share), np.minimum(usual, least)
+        against = np.divide(sides, departure, out=np.zeros_like(sides), where=departure != 0)
+        share, least = np.where(usual < least, against, share), np.minimum(usual, least)
     return np.asarray((share > _APART).all(axis=0))
 
 
