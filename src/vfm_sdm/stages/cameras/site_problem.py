@@ -7,7 +7,7 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
-from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
+from vfm_sdm.geometry.structure_frame import structure_from_cam1
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.culprits import Claim
@@ -157,7 +157,8 @@ class SiteProblem:
         centre = (camera.image_size[0] - 1) / 2
         aside = np.arctan((centre - camera.K[0, 2]) / camera.K[0, 0])
         sign = 1.0 if self._site.structure_side == "right" else -1.0
-        angle = compute_view_angle(perpendicular, longitudinal) - sign * aside
+        # As `compute_view_angle`, but a step on the way to the solution may pass distances that nobody could measure.
+        angle = float(np.arctan2(perpendicular, longitudinal)) - sign * aside
         return structure_from_cam1(angle, pitch_rad=pitch, roll_rad=roll, side=self._site.structure_side)
 
     def residuals(self, z: FloatArray) -> FloatArray:

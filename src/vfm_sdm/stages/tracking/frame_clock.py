@@ -11,6 +11,7 @@ from scipy.stats import theilslopes
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.core.datasets import Status
+from vfm_sdm.stages.tracking.frame_prediction import find_gaps
 
 __all__ = ["FrameClock", "check_frames", "find_repeats", "find_skips"]
 
@@ -28,6 +29,8 @@ _SKIP = 16.0
 """Squared bend of the motion over the largest about it from which on frames are missing there: four times."""
 _LARGER = 2.5
 """Squared step over the larger of those before and after it: over one missing frame it is four."""
+_SAME_GAP = 2
+"""Frames between what is one gap by both of its signs."""
 _ABOUT = 15
 """Frames to each side over which a bend is compared: half a second."""
 _CADENCE = 1.0
@@ -77,8 +80,8 @@ def check_frames(tracks: xr.Dataset, *, alike: Sequence[int] = ()) -> FrameClock
     Structures move smoothly from frame to frame. The step of all points into a frame is compared with that which the
     steps before and after it let expect (cubic interpolation): near nothing, and the frame repeats the one before,
     whatever a codec made of its pixels; far more, and frames are missing that the stamps do not show. A conversion of
-    the rate repeats frames at an even distance; the others are then an even time apart. Only motion clear of its noise
-    shows either.
+    the rate repeats frames at an even distance; the others are then an even time apart. Where the motion goes on as it
+    was to be some frames later, those are missing, too (`find_gaps`). Only motion clear of its noise shows any of it.
     """
     steps = _Steps.of(tracks)
     facts: dict[str, Any] = {"repeated": 0, "skipped": 0, "remarks": [], "doubts": []}
@@ -93,7 +96,7 @@ def check_frames(tracks: xr.Dataset, *, alike: Sequence[int] = ()) -> FrameClock
         steps = _Steps.of(tracks) or steps
     if steps is None:
         return FrameClock(tracks, facts)
-    skips = find_skips(steps.step, steps.usable)
+    skips = _find_all_skips(steps)
     # A frame in place of a lost one is followed by a step of two.
     about = np.concatenate([repeats, same, repeats + 1, same + 1])
     skips = skips[~np.isin(skips, about)] if facts["doubts"] else skips
@@ -105,6 +108,15 @@ def check_frames(tracks: xr.Dataset, *, alike: Sequence[int] = ()) -> FrameClock
             "time after is wrong; film at a lower rate or with a faster card, and measure the parts between alone"
         )
     return FrameClock(tracks, facts)
+
+
+def _find_all_skips(steps: "_Steps") -> IntArray:
+    """Frames before which others are missing, by how large the step is or by how the motion goes on."""
+    large = find_skips(steps.step, steps.usable)
+    position = np.concatenate([np.zeros((1, steps.step.shape[1])), np.cumsum(steps.step, axis=0)])
+    gaps = find_gaps(position, np.concatenate([[True], steps.usable]))
+    apart = np.abs(gaps[:, None] - large[None, :]) > _SAME_GAP
+    return np.union1d(large, gaps[apart.all(axis=1)]).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)

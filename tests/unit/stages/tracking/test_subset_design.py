@@ -12,6 +12,7 @@ from vfm_sdm.errors import SessionError
 from vfm_sdm.stages.registration.designs import Warp
 from vfm_sdm.stages.registration.subsets import SubsetBank
 from vfm_sdm.stages.tracking.design import samples
+from vfm_sdm.stages.tracking.design.belief import _is_sure
 from vfm_sdm.stages.tracking.design.coarse import coarse_motion
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.subset_design import describe_subsets, design_subsets
@@ -132,6 +133,25 @@ class TestEdges:
         choice = choose(video)
         assert choice.design.warp == Warp.EDGE
         assert track_error(video, choice, SWAY) < 0.03
+
+    @pytest.mark.parametrize("turn_deg", [0, 45])
+    def test_an_edge_of_many_grey_levels_is_an_edge(self, turn_deg):
+        turn = np.radians(turn_deg)
+        columns, rows = np.meshgrid(*[np.arange(SIZE) - MIDDLE] * 2)
+        away = columns * np.cos(turn) + rows * np.sin(turn)
+        # Moved exactly, and without noise: what is left is rounding.
+        shifts = SWAY @ [np.cos(turn), np.sin(turn)]
+        frames = [digitize(20 + 215 / (1 + np.exp(-(away - s) / 0.8)), dtype=np.uint16, scale=257.0) for s in shifts]
+        choice = choose(memory_video(frames, fps=20.0))
+        assert choice.status == PointStatus.OK
+        assert choice.design.warp == Warp.EDGE
+        assert np.abs(choice.design.across @ [np.cos(turn), np.sin(turn)]) == pytest.approx(1, abs=1e-3)
+
+    def test_motion_along_what_shows_nothing_is_not_sure_where_rounding_leaves_a_singular_matrix(self):
+        covariance = np.full((2, 2), 5e3)
+        along, across = np.array([[3.0, 3.0]]), np.array([[3.0, -3.0]])
+        assert not _is_sure(along, covariance)
+        assert _is_sure(across, covariance)
 
 
 class TestLight:

@@ -77,8 +77,10 @@ def _part_covariance(window: Window, belief: Belief, chosen: BoolArray) -> Float
     told = told - told.mean(axis=1, keepdims=True)
     values, axes = np.linalg.eigh(told @ told.T)
     scatter = np.einsum("in,jn,n->ij", axes.T @ told, axes.T @ told, noise)
+    # A direction in which the picture does not change at all is unknown; its scatter of nothing is no certainty.
+    scatter[np.diag_indices(2)] = np.maximum(np.diag(scatter), 1e-9)
     # An unknown direction has a large variance, not an infinite one, which would drown the other in rounding.
-    least = np.sqrt(2 / kept_noise() * np.maximum(np.diag(scatter), 1e-9)) / _UNKNOWN_PX
+    least = np.sqrt(2 / kept_noise() * np.diag(scatter)) / _UNKNOWN_PX
     true = np.maximum(values - noise_of_gradients() * quiet.sum(), least)
     return np.asarray(axes @ (2 / kept_noise() * scatter / np.outer(true, true)) @ axes.T)
 
