@@ -33,16 +33,6 @@ CONVERGED, FAILED, OUTSIDE = 0, 1, 2
 """Outcome codes of one registration."""
 
 _DRIFT_PX = 1  # motion after which a loaded region still serves
-_OUTLIER = 4.0
-"""Scales of the residuals from which on a pixel is an outlier: of normal noise one in 16,000."""
-_WHOLE = 2.5
-"""Scales of the residuals up to which a pixel counts in full, as in Hampel's estimators; from twice as many it does not
-count at all."""
-_MANY = 0.004
-"""Share of outliers from which on something is before the subset: compression leaves heavier tails than normal."""
-_ROUNDING, _MISFIT = 0.3, 0.02
-"""Least scales of residuals: of rounding to whole levels [grey levels], and of warps and interpolation that are not the
-whole truth, as a share of the texture's standard deviation."""
 _REGION_FACTOR = 2  # largest stretch of a subset by the warp; beyond it the registration has diverged
 _FAR = 1e7
 
@@ -127,67 +117,6 @@ def _measure_roughness(
                 jumps += jump * jump
                 pairs += 1
     return jumps * total / (2 * pairs * squares)
-
-
-@compiled
-def _finds_outliers(values: Single, template: Single, believed: Single, row: int, model: FloatArray) -> bool:
-    """Whether something covers pixels of a subset with a mask that is not tempered yet; if so, it will be.
-
-    ``model`` holds the mean and the gain, and gets the scale of the residuals (0: not tempered), which is their root
-    mean square without outliers, and the factor by which fewer pixels raise a variance; the last is the scale's least
-    square.
-    """
-    if believed.shape[0] == 0 or model[2] > 0.0:
-        return False
-    mask, mean, gain = believed[row], np.float32(model[0]), np.float32(model[1])
-    limit2, scale2, total, inside = np.inf, 0.0, 0.0, 0.0
-    for _ in range(3):
-        squares, inside, total = 0.0, 0.0, 0.0
-        for i in range(values.size):
-            left = values[i] - mean - gain * template[i]
-            left2 = left * left
-            if mask[i] > 0:
-                total += 1.0
-                if left2 <= limit2:
-                    squares += left2
-                    inside += 1.0
-        scale2 = max(squares / max(inside, 1.0), model[4])
-        limit2 = _OUTLIER * _OUTLIER * scale2
-    if total - inside <= _MANY * total:
-        return False
-    model[2], model[3] = np.sqrt(scale2), (total / inside) ** 2
-    return True
-
-
-@compiled
-def _temper(values: Single, template: Single, believed: Single, row: int, model: FloatArray) -> None:
-    """Draws pixels far from the ``model`` (see `_finds_outliers`) towards it: the further, the less is left of them."""
-    if not model[2] > 0.0:
-        return
-    mask, mean, gain = believed[row], model[0], model[1]
-    low, high = _WHOLE * model[2], 2 * _WHOLE * model[2]
-    for i in range(values.size):
-        if mask[i] > 0:
-            explained = mean + gain * template[i]
-            left = values[i] - explained
-            size = abs(left)
-            if size > low:
-                values[i] = explained + left * max(high - size, 0.0) / size * (low / (high - low))
-
-
-@compiled
-def _sample(
-    coefficients: Single, size: int, box: Integers, grid: FloatArray, buffers: tuple[Single, Single], sampled: Single
-) -> None:
-    """Values of the subset's pixels under a warp; ``buffers`` are room for the spline weights and a line."""
-    weights, line = buffers
-    if grid[2] == 1.0 and grid[3] == 0.0 and grid[4] == 0.0 and grid[5] == 1.0:
-        half, u0, v0 = size // 2, int(np.floor(grid[0])), int(np.floor(grid[1]))
-        set_weights(np.float32(grid[0] - u0), weights[0])
-        set_weights(np.float32(grid[1] - v0), weights[1])
-        sample_shifted(coefficients, size, (u0 - half - box[0], v0 - half - box[1]), weights, line, sampled)
-    else:
-        sample_warped(coefficients, size, (box[0], box[1]), grid, weights, sampled)
 
 
 @compiled
@@ -293,12 +222,9 @@ def register_subsets(
     weights = np.empty((2, TAPS), np.float32)
     box, grid = np.empty(4, np.int64), np.empty(6)
     sums, step, measure, shares = np.empty(9), np.empty(6), np.empty(3), np.empty(shading.shape[1])
-    model = np.zeros(5)  # see `_finds_outliers`
     for k in range(share[0], share[1]):
         row, warp = rows[k], warps[k]
         box[2], before = 0, 1e-12
-        model[2], model[3] = 0.0, 1.0
-        model[4] = max(_ROUNDING * _ROUNDING, _MISFIT * _MISFIT * moments[row, 0] / moments[row, 13])
         outcome[k, 0], outcome[k, 1], outcome[k, 2] = FAILED, max_iterations, np.nan
         for iteration in range(max_iterations):
             for i in range(6):  # an array assignment would double the time of compilation
@@ -313,29 +239,29 @@ def register_subsets(
                 if max(box[2], box[3]) > limit:
                     break
                 load_coefficients(image, columns, box, region, coefficients)
-            _sample(coefficients, size, box, grid, (weights, line), sampled)
+            if rigid:
+                u0, v0 = int(np.floor(grid[0])), int(np.floor(grid[1]))
+                set_weights(np.float32(grid[0] - u0), weights[0])
+                set_weights(np.float32(grid[1] - v0), weights[1])
+                sample_shifted(coefficients, size, (u0 - half - box[0], v0 - half - box[1]), weights, line, sampled)
+            else:
+                sample_warped(coefficients, size, (box[0], box[1]), grid, weights, sampled)
             apply_mask(believed, row, sampled)
             remove_shading(shading[row], sampled, shares)
-            _temper(sampled, pixels[row, 0], believed, row, model)
             correlate(sampled, pixels[row], offsets, sums)
             if not (
                 _solve_step(sums, int(moments[row, 13]), moments[row], matrices[row], step, measure)
                 and _compose_inverse(grid, step, warp)
             ):
                 break
-            # What covers a subset shows in the correlation of all of it.
-            outcome[k, 2] = outcome[k, 2] if model[2] > 0.0 else _correlate_whole(moments[row], measure, shares)
-            outcome[k, 1], outcome[k, 3], outcome[k, 4] = iteration + 1, model[3] * measure[1], measure[2]
-            model[0], model[1] = sums[0] / moments[row, 13], measure[2]
+            outcome[k, 1], outcome[k, 2] = iteration + 1, _correlate_whole(moments[row], measure, shares)
+            outcome[k, 3], outcome[k, 4] = measure[1], measure[2]
             moved = _moved2(step, 0 if rigid else half)
             # Steps shrink by a steady factor, so what is left to go is a geometric series.
             factor = min(np.sqrt(moved / before), 0.9)
             before = moved
             if np.sqrt(moved) * factor < tolerance * (1.0 - factor):
                 outcome[k, 0] = CONVERGED
-                if _finds_outliers(sampled, pixels[row, 0], believed, row, model):
-                    before = 1e-12
-                    continue
                 outcome[k, 5] = _measure_roughness(sampled, pixels[row, 0], believed, row, sums, measure[2])
                 break
 

@@ -59,8 +59,7 @@ class IcgnTracker:
     sampled at its pixels: its gradients are those of the same spline, low-pass filtered near half the sampling
     frequency (`vfm_sdm.stages.registration.reference_subsets.SMOOTHING`), and the matrix M of the normal equations is
     computed once. Gain and bias drop out (ZNSSD). Sampling and sums are in single precision (bias below 1e-5 px), the
-    rest in double. Of designed subsets, pixels whose residuals lie far outside the others' of the same frame, as under
-    a streak of rain or a leaf, are drawn towards the template, by Hampel's three parts, and the registration goes on.
+    rest in double.
 
     **Covariance.** With S the steepest-descent images, a step is M^-1 S e / g, with e the difference of two noises and
     g the gain. The residual sum of squares R of the n pixels estimates the noise of one frame,
