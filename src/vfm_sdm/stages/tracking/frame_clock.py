@@ -1,5 +1,6 @@
 """What the motion of all points of a view says about its frames: repeated, missing, or with stamps that jitter."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -62,16 +63,20 @@ class FrameClock:
     facts: dict[str, Any] = field(default_factory=dict)
 
 
-def check_frames(tracks: xr.Dataset) -> FrameClock:
+def check_frames(tracks: xr.Dataset, *, alike: Sequence[int] = ()) -> FrameClock:
     """Tracks of a view whose frames the motion of all its points agrees with, and what was found.
 
     Parameters
     ----------
     tracks
         Tracks of one view, shape (T, P, 2) [px], with their covariances.
+    alike
+        Numbers of the frames that hold the noise of the frame before, from 0, of T.
 
     Notes
     -----
+    Frames that hold the noise of the frame before show its motion, too, however small that is or noisy.
+
     Structures move smoothly from frame to frame. The step of all points into a frame is compared with that which the
     steps before and after it let expect (cubic interpolation): near nothing, and the frame repeats the one before,
     whatever a codec made of its pixels; far more, and frames are missing that the stamps do not show. A conversion of
@@ -80,18 +85,21 @@ def check_frames(tracks: xr.Dataset) -> FrameClock:
     """
     steps = _Steps.of(tracks)
     facts: dict[str, Any] = {"repeated": 0, "skipped": 0, "remarks": [], "doubts": []}
+    same: IntArray = np.array([k for k in alike if k < tracks.sizes["time"]], np.int64)
+    repeats: IntArray = np.zeros(0, np.int64)
+    if steps is not None:
+        tracks = _even_stamps(tracks, steps, facts)
+        steps = _Steps.of(tracks) or steps
+        repeats = find_repeats(steps.step, steps.usable)
+    if repeats.size or same.size:
+        tracks = _without_repeats(tracks, repeats, same, facts)
+        steps = _Steps.of(tracks) or steps
     if steps is None:
         return FrameClock(tracks, facts)
-    tracks = _even_stamps(tracks, steps, facts)
-    steps = _Steps.of(tracks) or steps
-    repeats = find_repeats(steps.step, steps.usable)
-    if repeats.size:
-        facts["repeated"] = int(repeats.size)
-        tracks = _without_repeats(tracks, repeats, facts)
-        steps = _Steps.of(tracks) or steps
     skips = _find_all_skips(steps)
     # A frame in place of a lost one is followed by a step of two.
-    skips = skips[~np.isin(skips, np.concatenate([repeats, repeats + 1]))] if facts["doubts"] else skips
+    about = np.concatenate([repeats, same, repeats + 1, same + 1])
+    skips = skips[~np.isin(skips, about)] if facts["doubts"] else skips
     if skips.size:
         facts["skipped"] = int(skips.size)
         at = ", ".join(f"{tracks['time'].values[k]:.2f}" for k in skips[:5])
@@ -238,8 +246,11 @@ def find_skips(step: npt.NDArray[np.float64], usable: npt.NDArray[np.bool_]) -> 
     return np.array(found, np.int64)
 
 
-def _without_repeats(tracks: xr.Dataset, repeats: IntArray, facts: dict[str, Any]) -> xr.Dataset:
-    """Tracks without what a conversion of the rate put in; single repeats are marked."""
+def _without_repeats(tracks: xr.Dataset, repeats: IntArray, same: IntArray, facts: dict[str, Any]) -> xr.Dataset:
+    """Tracks without what a conversion of the rate put in; single repeats and frames of the ``same`` noise are marked.
+
+    Motion alone tells the frames of a conversion: encoders pass kinds of frames on at an even distance, too.
+    """
     time_s = tracks["time"].values
     inserted = _find_cadence(repeats, len(time_s))
     if inserted is not None and not _catches_up(tracks, inserted):
@@ -253,13 +264,15 @@ def _without_repeats(tracks: xr.Dataset, repeats: IntArray, facts: dict[str, Any
         return tracks.isel(time=keep).assign_coords(
             time=("time", time_s[0] + np.arange(keep.size) * interval, tracks["time"].attrs)
         )
+    repeats = np.union1d(repeats, same)
+    facts["repeated"] = int(repeats.size)
     status = tracks["status"].values.copy()
     rows = status[repeats]
     rows[rows == Status.OK] = Status.UNRELIABLE
     status[repeats] = rows
     facts["doubts"].append(
-        f"{repeats.size} frames repeat the one before while the structure moves, their samples are not trusted; use "
-        "the camera's original file, or a constant frame rate"
+        f"{repeats.size} frames repeat the one before and their samples are not trusted; use the camera's original "
+        "file, or a constant frame rate"
     )
     return tracks.assign(status=tracks["status"].copy(data=status))
 

@@ -60,6 +60,17 @@ def test_frames_in_place_of_lost_ones_are_marked():
     np.testing.assert_array_equal(found.tracks["time"], time_s)
 
 
+def test_frames_that_hold_the_noise_of_those_before_are_marked_whatever_the_motion():
+    time_s = np.arange(240) / 30
+    still = tracks_of(np.zeros(240), time_s, same_noise=False)
+    found = check_frames(still, alike=(34, 150))
+    assert found.facts["repeated"] == 2
+    assert "2 frames repeat the one before" in found.facts["doubts"][0]
+    marked = np.flatnonzero((found.tracks["status"] == Status.UNRELIABLE).all("point"))
+    assert marked.tolist() == [34, 150]
+    assert check_frames(still.isel(time=slice(8)), alike=(3,)).facts["repeated"] == 1
+
+
 @pytest.mark.parametrize("missing", [2, 3, 5])
 def test_frames_lost_behind_even_stamps_are_named(missing):
     true_s = np.arange(240) / 30
