@@ -19,6 +19,8 @@ from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle,
 from vfm_sdm.inputs.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.stages.cameras.base import Hypothesis
+from vfm_sdm.stages.cameras.confusions import Statements
+from vfm_sdm.stages.cameras.contradictions import explain_contradiction
 from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
 from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
 from vfm_sdm.stages.cameras.site import adjust_to_site
@@ -384,7 +386,8 @@ def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: 
     start = Hypothesis(prior, (matches,))
     # As the camera stage does: through narrow views the start may be the mirror image.
     weighed = weigh_hypotheses(session, [start], lambda one: adjust_to_site(one.rig, one.matches, session.site, points))
-    adjusted = weighed.adjusted
+    stated = Statements(prior, (matches,), session.site, points, {})
+    adjusted = explain_contradiction(stated, weighed.adjusted)
     return CameraSolution(
         adjusted.rig,
         adjusted.frame,
