@@ -32,9 +32,11 @@ _READINGS = 4
 """Readings and named points that are left out in turn, the most suspicious ones."""
 _ANYWHERE_PX = 50.0
 _FAR_COST = 60.0
-"""Cost above the least one from which a confusion is not looked into, before its relief is weighed."""
+"""Cost above the least one from which an alternative is not looked into, before its relief is weighed."""
+_SAME_RAD = np.radians(3)
+"""Angle within which two poses lead to one minimum."""
 _TOLERANCE = 1e-4
-_TRIAL_STEPS = 25
+_TRIAL_STEPS, _STEPS = 25, 40
 _RANSAC_STEPS = 1000
 """Half of the matches may be wrong: 145 samples of five hold a right one in 99 of 100 cases."""
 _PER_VALUE = 4.0
@@ -129,18 +131,24 @@ def explain_contradiction(
 
 def _solve_all(stated: Statements) -> tuple[_Solved, list[_Solved]]:
     """The statements as they are, and the alternatives, the best first, all with one noise of the matches."""
-    lenses = [_try(one) for one in _list_lenses(stated)]
-    as_stated = [_try(_Alternative("", 0, one)) for one in _list_starts(stated, lenses)]
+    poses = _Poses()
+    lenses = [_try(one) for one in _list_lenses(stated, poses)]
+    starts = list(_list_starts(stated, lenses, poses))
+    as_stated = [_try(_Alternative("", 0, one)) for one in starts]
     noise = min((one.problem.noise for one in (*lenses, *as_stated)), key=lambda one: one.shared_px)
     base = min((_solve(one, noise) for one in as_stated), key=lambda one: one.cost)
-    solved = [_solve(one, noise) for one in lenses]
-    solved += [_solve(_try(one, noise), noise) for one in _list_readings(base)]
-    least = min(one.score for one in (base, *solved))
-    for one in list_confusions(base.alternative.read):
-        trial = _try(_Alternative(one.name, 0, one.read, advice=one.advice), noise)
-        if trial.cost < least + _FAR_COST:
-            solved.append(_solve(trial, noise))
-    return base, sorted(solved, key=lambda one: one.score)
+    solved = [base, *(_solve(one, noise) for one in lenses)]
+    least = min(one.score for one in solved)
+    claims = _list_suspicious(base)
+    for start in starts:
+        others = [_without_claim(start, claim, base) for claim in claims]
+        others += [_Alternative(one.name, 0, one.read, advice=one.advice) for one in list_confusions(start)]
+        trials = [_try(one, noise) for one in others]
+        solved += [_solve(one, noise) for one in trials if one.cost < least + _FAR_COST]
+    least_of: dict[str, _Solved] = {}
+    for one in sorted(solved[1:], key=lambda one: one.score):
+        least_of.setdefault(one.alternative.name, one)
+    return base, list(least_of.values())
 
 
 def _suspect(one: _Solved, base: _Solved, lenses: Mapping[str, Lens | None]) -> Suspect:
@@ -159,9 +167,9 @@ def _suspect(one: _Solved, base: _Solved, lenses: Mapping[str, Lens | None]) -> 
     return replace(found, advice=advise_on_lens(found, said)) if claim.name.startswith("focal") else found
 
 
-def _list_lenses(stated: Statements) -> Iterator[_Alternative]:
+def _list_lenses(stated: Statements, poses: "_Poses") -> Iterator[_Alternative]:
     """The statements without each lens, and without all, at the pose and focal length that most matches fit."""
-    poses, problem = _Poses(), _problem(stated)
+    problem = _problem(stated)
     for claim in problem.claims(_count(problem)):
         if not claim.name.startswith("focal"):
             continue
@@ -173,27 +181,38 @@ def _list_lenses(stated: Statements) -> Iterator[_Alternative]:
         yield _Alternative(claim.name, 1, replace(stated, rig=with_poses(stated.rig, rig)), z, claim)
 
 
-def _list_starts(stated: Statements, lenses: Sequence[_Solved]) -> Iterator[Statements]:
-    """The statements at the poses as they were adjusted, and at those that fit the matches once a lens is left out."""
+def _list_starts(stated: Statements, lenses: Sequence[_Solved], poses: "_Poses") -> Iterator[Statements]:
+    """The statements at different poses: as adjusted, as matches alone give them, and as they are without a lens."""
     yield stated
-    if stated.free_poses and lenses:
+    if not stated.free_poses:
+        return
+    known = [stated.rig.cameras[1]]
+    rigs = [poses.find(stated, stated.rig)[1]]
+    if lenses:
         best = min(lenses, key=lambda one: one.cost)
-        yield replace(stated, rig=with_poses(stated.rig, best.problem.rig(best.solution.x)))
+        rigs.append(best.problem.rig(best.solution.x))
+    for rig in rigs:
+        if all(rig.cameras[1].turn_to(one) > _SAME_RAD for one in known):
+            known.append(rig.cameras[1])
+            yield replace(stated, rig=with_poses(stated.rig, rig))
 
 
-def _list_readings(base: _Solved) -> Iterator[_Alternative]:
-    """The statements without each reading or named point that the linear test finds most suspicious."""
-    problem, read, z = base.problem, base.alternative.read, base.solution.x
-    claims = [one for one in problem.claims(_count(problem)) if not one.name.startswith("focal")]
-    by_name = {one.name: one for one in claims}
-    for suspect in list_suspects(claims, problem.residuals(z), problem.jacobian(z))[:_READINGS]:
-        claim = by_name[suspect.name]
-        points = {name: one for name, one in read.points.items() if claim.name == f"point {name!r}"}
-        if not points:
-            yield _Alternative(claim.name, 1, read, z, claim)
-            continue
-        loose = {name: replace(one, std_px=_ANYWHERE_PX, on_face=False) for name, one in points.items()}
-        yield _Alternative(claim.name, 2, replace(read, points={**read.points, **loose}), z)
+def _list_suspicious(base: _Solved) -> list[Claim]:
+    """Readings and named points that the linear test finds most suspicious."""
+    problem, z = base.problem, base.solution.x
+    claims = {one.name: one for one in problem.claims(_count(problem)) if not one.name.startswith("focal")}
+    found = list_suspects(claims.values(), problem.residuals(z), problem.jacobian(z))
+    return [claims[one.name] for one in found[:_READINGS]]
+
+
+def _without_claim(read: Statements, claim: Claim, base: _Solved) -> _Alternative:
+    """The statements without a reading, or with a named point anywhere."""
+    z = base.solution.x if read is base.alternative.read else None
+    points = {name: one for name, one in read.points.items() if claim.name == f"point {name!r}"}
+    if not points:
+        return _Alternative(claim.name, 1, read, z, claim)
+    loose = {name: replace(one, std_px=_ANYWHERE_PX, on_face=False) for name, one in points.items()}
+    return _Alternative(claim.name, 2, replace(read, points={**read.points, **loose}), z)
 
 
 def _problem(stated: Statements) -> SiteProblem:
@@ -246,5 +265,5 @@ def _solve(trial: _Solved, noise: MatchNoise) -> _Solved:
     problem.noise = noise
     solution = trial.solution
     for _ in range(2):
-        solution, cost = minimize_weighed(problem, solution.x, freed, tolerance=_TOLERANCE)
+        solution, cost = minimize_weighed(problem, solution.x, freed, steps=_STEPS, tolerance=_TOLERANCE)
     return _Solved(trial.alternative, problem, solution, cost if np.isfinite(cost) else np.inf)

@@ -52,17 +52,22 @@ def _is_new(one: OptimizeResult, solved: Sequence[OptimizeResult]) -> bool:
 
 
 def minimize_weighed(
-    problem: SiteProblem, start: FloatArray, freed: FloatArray | None = None, *, tolerance: float = 1e-7
+    problem: SiteProblem,
+    start: FloatArray,
+    freed: FloatArray | None = None,
+    *,
+    steps: int = 100,
+    tolerance: float = 1e-7,
 ) -> tuple[OptimizeResult, float]:
     """A minimum with relief weighed as it shows from its start, and its cost as it compares with others.
 
     Parameters
     ----------
-    problem, start, freed, tolerance
+    problem, start, freed, steps, tolerance
         As of `minimize_residuals`.
     """
     problem.weigh_relief(start)
-    solution = minimize_residuals(problem, start, freed, tolerance=tolerance)
+    solution = minimize_residuals(problem, start, freed, steps=steps, tolerance=tolerance)
     return solution, 2 * float(solution.cost) + problem.log_spread()
 
 
@@ -106,5 +111,5 @@ def minimize_residuals(
 
 
 def _without(values: FloatArray, basis: FloatArray) -> FloatArray:
-    """Residuals (R,) or their derivatives (R, M) without their part along a basis, shape (R, K); all for an empty one."""
+    """Residuals (R,) or their derivatives (R, M) without their part along a basis, shape (R, K); all without one."""
     return np.asarray(values - basis @ (basis.T @ values)) if basis.size else values
