@@ -61,6 +61,8 @@ class _Alternative:
         What is left out, if it has one value.
     advice
         What was expected, what is stated and what to do, of a confusion.
+    left_out
+        Part of the cost that falls away with the residuals that are left out, whatever they are [1].
     """
 
     name: str
@@ -69,6 +71,7 @@ class _Alternative:
     z: FloatArray | None = None
     claim: Claim | None = None
     advice: str = ""
+    left_out: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,8 +214,9 @@ def _without_claim(read: Statements, claim: Claim, base: _Solved) -> _Alternativ
     points = {name: one for name, one in read.points.items() if claim.name == f"point {name!r}"}
     if not points:
         return _Alternative(claim.name, 1, read, z, claim)
+    spread = sum(base.problem.log_spread_of(name) for name in points)
     loose = {name: replace(one, std_px=_ANYWHERE_PX, on_face=False) for name, one in points.items()}
-    return _Alternative(claim.name, 2, replace(read, points={**read.points, **loose}), z)
+    return _Alternative(claim.name, 2, replace(read, points={**read.points, **loose}), z, left_out=spread)
 
 
 def _problem(stated: Statements) -> SiteProblem:
@@ -266,4 +270,5 @@ def _solve(trial: _Solved, noise: MatchNoise) -> _Solved:
     solution = trial.solution
     for _ in range(2):
         solution, cost = minimize_weighed(problem, solution.x, freed, steps=_STEPS, tolerance=_TOLERANCE)
+    cost += trial.alternative.left_out
     return _Solved(trial.alternative, problem, solution, cost if np.isfinite(cost) else np.inf)
