@@ -120,11 +120,14 @@ def explain_contradiction(
         return adjusted
     stated = replace(stated, rig=with_poses(stated.rig, adjusted.rig))
     base, solved = _solve_all(stated)
-    if adjusted.status == CameraStatus.NOT_CONVERGED:
+    explained = bool(solved) and base.cost - solved[0].score >= CULPRIT_STD**2
+    if adjusted.status == CameraStatus.NOT_CONVERGED or not explained:
+        # Either the pose is a minimum that fits nothing, or what contradicts there agrees from another pose.
         rig = with_poses(stated.rig, base.problem.rig(base.solution.x))
         again = adjust_to_site(rig, stated.matches, stated.site, stated.points, readings=stated.readings)
-        adjusted = adjusted if again.status == CameraStatus.NOT_CONVERGED else again
-    if not solved or base.cost - solved[0].score < CULPRIT_STD**2:
+        if again.status != CameraStatus.NOT_CONVERGED and (explained or not again.suspects):
+            adjusted = again
+    if not explained:
         return adjusted
     named = [_suspect(one, base, lenses or {}) for one in solved if one.score < solved[0].score + _AS_PROBABLE]
     before = [one.sentence(adjusted.suspects[1:]) for one in adjusted.suspects[:1]]
@@ -139,7 +142,7 @@ def _solve_all(stated: Statements) -> tuple[_Solved, list[_Solved]]:
     starts = list(_list_starts(stated, lenses, poses))
     as_stated = [_try(_Alternative("", 0, one)) for one in starts]
     noise = min((one.problem.noise for one in (*lenses, *as_stated)), key=lambda one: one.shared_px)
-    base = min((_solve(one, noise) for one in as_stated), key=lambda one: one.cost)
+    base = min((_solve(one, noise) for one in as_stated), key=lambda one: (not one.solution.success, one.cost))
     solved = [base, *(_solve(one, noise) for one in lenses)]
     least = min(one.score for one in solved)
     claims = _list_suspicious(base)
