@@ -19,9 +19,11 @@ from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle,
 from vfm_sdm.inputs.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.stages.cameras.base import Hypothesis
+from vfm_sdm.stages.cameras.confusions import Statements
+from vfm_sdm.stages.cameras.contradictions import explain_contradiction
 from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
 from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
-from vfm_sdm.stages.cameras.site import adjust_to_site
+from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.matches import Matches
@@ -417,9 +419,14 @@ def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: 
     prior = _prior_rig(c, session, matches)
     points = {name: SitePoint(u, on_face=name in MOVING) for name, u in pixels.items()}
     start = Hypothesis(prior, (matches,))
+    readings = {view.name: view for view in session.view[1:]}
+    stated = Statements(prior, (matches,), session.site, points, readings)
+
+    def adjust(one: Hypothesis) -> SiteAdjustment:
+        return adjust_to_site(one.rig, one.matches, session.site, points, readings=readings)
+
     # As the camera stage does: through narrow views the start may be the mirror image.
-    weighed = weigh_hypotheses(session, [start], lambda one: adjust_to_site(one.rig, one.matches, session.site, points))
-    adjusted = weighed.adjusted
+    adjusted = explain_contradiction(stated, weigh_hypotheses(session, [start], adjust).adjusted)
     return CameraSolution(
         adjusted.rig,
         adjusted.frame,

@@ -339,6 +339,11 @@ class SiteProblem:
         spread = sum(float(w @ np.log(one)) for w, one in zip(weights, self._relief, strict=True))
         return 2 * spread if np.isfinite(spread) else float("inf")
 
+    def log_spread_of(self, point: str) -> float:
+        """Part of `log_spread` that a named point has [1]; 0 where it is not on the face."""
+        known = self._has_face_points and bool(self._relief) and point in self._face
+        return 2 * float(np.log(self._relief[-1][self._face.index(point)])) if known else 0.0
+
     def _scale_relief(self, z: FloatArray) -> list[FloatArray]:
         """Pixels by which a metre out of the face shows, for the matches of each pair and for the named points."""
         shown = [one.per_metre for one in self._show_matches_on_face(z)]
