@@ -57,22 +57,23 @@ def square_std(window: Window, belief: Belief, part: BoolArray) -> tuple[FloatAr
     along it, too, or where nothing moves at all: a post that moves sideways before a still wall shares no motion with
     the wall's joints, even if nothing contradicts them. Where the air moves the wall, they are to move beyond it.
 
-    Lines that run along the motion agree with standing still as well. Where they are most of what tells the motion across
-    it, as the joints of a wall between balusters are, they may be another surface, and only what is seen to move counts.
+    Lines that run along the motion agree with standing still as well. Where they are most of what tells the motion
+    across it, as the joints of a wall between balusters are, they may be another surface: only what is seen to move
+    counts.
     """
     believed = part & belief.believed
-    covariance = _part_covariance(window, belief, believed, ~belief.against)
+    covariance = _part_covariance(window, belief, believed)
     values, axes = np.linalg.eigh(covariance)
     std = np.sqrt(np.maximum(values, 0.0))
     core = window.radius2 <= max(_CORE * belief.radius_px, _LEAST_CORE_PX) ** 2
-    near = _part_covariance(window, belief, believed & core, ~belief.against)
+    near = _part_covariance(window, belief, believed & core)
     along = [(belief.motion - rest) @ axes[:, 1] for rest in belief.rest]
     shared = min(np.sqrt(np.mean(one**2)) for one in along) > max(DISTINCT_PX, SURE * std[1])
     moves = is_distinct(belief.motion, 0 * belief.motion)
     if not shared and (moves or (belief.against & part).any()):
         std[1] = max(std[1], float(np.sqrt(axes[:, 1] @ near @ axes[:, 1])))
     if moves and std[1] <= USABLE_STD_PX:
-        moving = _part_covariance(window, belief, believed & belief.supporting, ~belief.against)
+        moving = _part_covariance(window, belief, believed & belief.supporting)
         if _crosses_lines(belief, covariance, moving):
             values, axes = np.linalg.eigh(moving)
             std = np.array([np.sqrt(max(values[0], 0.0)), np.inf])
@@ -93,13 +94,10 @@ def _crosses_lines(belief: Belief, covariance: FloatArray, moving: FloatArray) -
     return bool(across < _AS_SURE * along)
 
 
-def _part_covariance(window: Window, belief: Belief, chosen: BoolArray, surface: BoolArray) -> FloatArray:
-    """Covariance of one frame's motion of some pixels, not weighted, as a registration takes them, (2, 2) [px2].
-
-    What is not ``surface`` (R, R) moves otherwise, or may do so.
-    """
+def _part_covariance(window: Window, belief: Belief, chosen: BoolArray) -> FloatArray:
+    """Covariance of one frame's motion of some pixels, not weighted, as a registration takes them, (2, 2) [px2]."""
     gradient = window.gradient.astype(np.float64)
-    across, rim = _find_rim(surface)
+    across, rim = _find_rim(~belief.against)
     told = np.where(rim, (gradient * across).sum(axis=0) * across, gradient)[:, chosen]
     noise = belief.noise[chosen].astype(np.float64)
     if not noise.size:
