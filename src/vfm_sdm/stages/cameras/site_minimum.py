@@ -101,7 +101,7 @@ def minimize_residuals(
         try:
             return _without(problem.residuals(z), basis)
         except CameraError:
-            # A trial step may lead to where there is no camera, such as a focal length without bounds: it is taken back.
+            # A trial step may lead to where there is no camera, such as one of endless focal length: it is taken back.
             return outside
 
     def jacobian(z: FloatArray) -> FloatArray:

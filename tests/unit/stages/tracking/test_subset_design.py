@@ -261,6 +261,24 @@ class TestTwoMotions:
         assert abs(choice.design.across[0]) > 0.98
         assert choice.believed < 0.3
 
+    @pytest.mark.parametrize("period", [26, 34])
+    def test_joints_of_a_wall_behind_balusters_do_not_tell_their_motion(self, period):
+        rows, columns = np.arange(SIZE)[:, None] + 0 * np.arange(SIZE), 0 * np.arange(SIZE)[:, None] + np.arange(SIZE)
+        wall = gaussian_filter(np.where(rows % 13 < 3, 125.0, 100.0), 0.7)
+        railing = gaussian_filter((((columns - MIDDLE + 4) % period) < 8).astype(float), 0.7)
+        # What moves sideways as a railing does: a wall that stands still agrees with it along every joint.
+        sideways = np.stack([SWAY[:, 1], 0 * SWAY[:, 1]], axis=1)
+        video = film([(wall, EVERYWHERE, STILL), (np.full((SIZE, SIZE), 85.0), railing, 0.3 * sideways)], noise=2.5)
+        choice = choose(video, subset_px=61)
+        assert choice.design.warp == Warp.EDGE
+        assert abs(choice.direction[0]) > 0.99
+        assert (track_error(video, choice, 0.3 * sideways) < 0.08).all()
+
+    def test_texture_in_both_directions_that_moves_in_one_is_measured_in_both(self):
+        upwards = np.stack([0 * SWAY[:, 1], SWAY[:, 1]], axis=1)
+        choice = choose(film([(texture(4, contrast=12), EVERYWHERE, upwards)], noise=3.0))
+        assert choice.design.warp != Warp.EDGE
+
     def test_two_layers_that_both_move_are_told_apart(self):
         other = 0.8 * SWAY[:, ::-1]
         video = film([(texture(11), EVERYWHERE, other), (texture(12), box(75, 107, 75, 107), SWAY)])
