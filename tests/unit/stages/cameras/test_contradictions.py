@@ -78,7 +78,7 @@ def in_unit(metres: float) -> Callable[[Session], Session]:
         (of_site(structure_side="left"), "side of the structure", "expected 'right', got 'left', do: correct"),
         (turn_level, "signs of the level of 'left'", "do: correct the level"),
         (in_unit(1e-3), "baseline", "in millimetres, do: state it in metres"),
-        (in_unit(0.3048), "baseline", "in feet"),
+        pytest.param(in_unit(0.3048), "baseline", "in feet", marks=pytest.mark.slow),
     ],
 )
 def test_confusions_are_named_with_what_to_do(misread, name, words):
@@ -100,7 +100,7 @@ def test_right_statements_are_not_doubted(seed):
     assert solution.suspects == ()
 
 
-@pytest.mark.parametrize("errors", [(0.3, 0.0), (0.0, -0.3)])
+@pytest.mark.parametrize("errors", [(0.3, 0.0), pytest.param((0.0, -0.3), marks=pytest.mark.slow)])
 def test_one_wrong_lens_of_two_is_the_one_that_is_named(errors):
     wrong = int(np.argmax(np.abs(errors)))
     solution = solve(1, focal_errors=errors)
