@@ -36,8 +36,8 @@ class Statements:
 
     @property
     def free_poses(self) -> bool:
-        """Whether the relative pose of two views is to be found, and not stated."""
-        if len(self.rig) != 2 or self.rig.covariance is None:
+        """Whether the relative pose of two views is to be found from matches, and not stated."""
+        if len(self.rig) != 2 or self.rig.covariance is None or not self.matches:
             return False
         std = np.sqrt(np.diag(self.rig.covariance))[len(CAMERA_PARAMETERS) + 4 :]
         return bool((std >= _FREE_STD).all())

@@ -13,7 +13,7 @@ from scipy.optimize import OptimizeResult
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import CameraStatus
-from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Lens
 from vfm_sdm.stages.cameras.confusions import Statements, list_confusions, with_poses
@@ -243,14 +243,23 @@ class _Poses:
         second = np.concatenate([m.points_second if m.first == 0 else m.points_first for m in stated.matches])
         key = (hash(first.tobytes()), np.array([c.K for c in lenses]).tobytes())
         if key not in self._found:
-            pose, _ = estimate_relative_pose(first, second, *lenses, most_iterations=_RANSAC_STEPS)
-            pair = Rig(("first", "second"), (lenses[0], replace(lenses[1], cam_from_world=pose)))
-            error = float(np.median(np.abs(sampson_error(first, second, pair))))
-            self._found[key] = pose, error
+            self._found[key] = _find_pose(first, second, (lenses[0], lenses[1]))
         pose, error = self._found[key]
+        if not np.isfinite(error):
+            return error, rig
         length = stated.rig.baseline() if stated.site.baseline is None else stated.site.baseline.value
         moved = replace(lenses[1], cam_from_world=pose * np.array([1.0, 1.0, 1.0, length]))
         return error, replace(rig, cameras=(lenses[0], moved))
+
+
+def _find_pose(first: FloatArray, second: FloatArray, lenses: tuple[Camera, Camera]) -> tuple[FloatArray, float]:
+    """Relative pose (3, 4) of matches (N, 2) [px], and their median error [px]; infinite where there is none."""
+    pose, agree = estimate_relative_pose(first, second, *lenses, most_iterations=_RANSAC_STEPS)
+    if not agree.any():
+        return pose, np.inf
+    pair = Rig(("first", "second"), (lenses[0], replace(lenses[1], cam_from_world=pose)))
+    error = float(np.median(np.abs(sampson_error(first, second, pair))))
+    return pose, error if np.isfinite(error) else np.inf
 
 
 def _try(one: _Alternative, noise: MatchNoise | None = None) -> _Solved:
