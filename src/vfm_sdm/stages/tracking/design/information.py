@@ -53,10 +53,10 @@ def square_std(window: Window, belief: Belief, part: BoolArray) -> tuple[FloatAr
     across it its motion is seen; along it the farther one's texture ends at the line and makes corners that move with
     neither. In the rim of what moves otherwise only the part of a gradient across that line counts, therefore.
 
-    A direction of which the point's nearest surroundings, as far as they are seen to move with it, say nothing is told by
-    others only where they are seen to move along it, too, or where nothing moves at all: a post that moves sideways
-    before a still wall shares no motion with the wall's joints, even if nothing contradicts them. Where the air moves the
-    wall, they are to move beyond it.
+    A direction of which the point's nearest surroundings, as far as they are seen to move with it, say nothing is told
+    by others only where they are seen to move along it, too, or where nothing moves at all: a post that moves sideways
+    before a still wall shares no motion with the wall's joints, even if nothing contradicts them. Where the air moves
+    the wall, they are to move beyond it.
 
     Lines that run along the motion agree with standing still as well. Where they are most of what tells the motion
     across it, as the joints of a wall between balusters are, they may be another surface: only what is seen to move
