@@ -93,8 +93,8 @@ def bend(scaled: FloatArray) -> FloatArray:
         Residuals over their standard deviations, any shape [1].
     """
     known = np.where(np.isfinite(scaled), scaled, OUTLIER)
-    reach = ROBUST_STD**2
-    return np.asarray(np.sign(known) * np.sqrt(2 * reach * (np.sqrt(1 + known**2 / reach) - 1)))
+    # Not sqrt(1 + x) - 1, of which nothing is left near zero: the derivative at an exact solution would be lost.
+    return np.asarray(known * np.sqrt(2 / (np.sqrt(1 + known**2 / ROBUST_STD**2) + 1)))
 
 
 def differentiate(function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int) -> FloatArray:

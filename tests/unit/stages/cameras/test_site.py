@@ -12,6 +12,7 @@ from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_
 from vfm_sdm.inputs.session import Level, Readings, Site
 from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
+from vfm_sdm.stages.cameras.whitening import bend
 from vfm_sdm.stages.matching.matches import Matches
 
 
@@ -316,3 +317,10 @@ def test_a_third_camera_without_common_points_is_named(places):
     adjustment = adjust_to_site(placed.prior, placed.pairs(common=False), site, {})
     assert adjustment.status == CameraStatus.UNKNOWN_DISTANCE
     assert any("distance a to c: known to" in note and "three see the same points" in note for note in adjustment.notes)
+
+
+def test_the_robust_loss_keeps_its_derivative_at_zero():
+    """Exact matches have no residual; the steps of the derivative must not drown in the root of one plus nothing."""
+    small = np.array([-3e-8, 1e-9, 2e-8])
+    assert bend(small) == pytest.approx(small, rel=1e-12)
+    assert bend(np.array([1e6])) == pytest.approx(np.sqrt(2 * 3 * 1e6), rel=1e-3)
