@@ -19,7 +19,7 @@ from vfm_sdm.stages.cameras.priors import CameraPriors, read_priors
 from vfm_sdm.studies.planning.plan import Plan, PlannedCamera, ReadingsAt
 from vfm_sdm.studies.synthetic.motion import ModalMotion, Mode
 
-__all__ = ["Layout", "check_seen", "lay_out", "try_lay_out"]
+__all__ = ["Layout", "check_seen", "lay_out", "note", "try_lay_out"]
 
 _UNHURT_PX = 24.0
 """How far from the border of a picture a point has to stay for its subset [px]."""
@@ -124,7 +124,7 @@ def lay_out(plan: Plan) -> Layout:
     )
     motion = ModalMotion(modes, support_m=support, span_m=structure.span_m, still_s=plan.still_s, onset_s=_ONSET_S)
     laid = Layout(plan, cameras, priors, points3d, face, motion, draft)
-    return replace(laid, session=_note(laid))
+    return replace(laid, session=note(laid))
 
 
 def _to_world(plan: Plan, perpendicular_m: float, longitudinal_m: float, height_m: float) -> FloatArray:
@@ -169,8 +169,14 @@ def _baseline(plan: Plan) -> float:
     return float(np.linalg.norm(second - first))
 
 
-def _note(laid: Layout) -> Session:
-    """The session with everything that will be measured, exact."""
+def note(laid: Layout) -> Session:
+    """The session with everything that will be measured, exact.
+
+    Parameters
+    ----------
+    laid
+        Geometry, with the cameras at which it is measured.
+    """
     plan, measured = laid.plan, laid.plan.measured
     first, pixels = laid.cameras[0], laid.pixels[0]
     readings = {reading.view: reading for reading in measured.reading}
@@ -220,8 +226,10 @@ def _on_picture(pixels: FloatArray, camera: Camera) -> FloatArray:
 
 def _reach(laid: Layout, number: int) -> float:
     """Way along the structure from a camera to what the middle of its picture shows on the face [m]."""
-    axis = laid.cameras[number].rotation[2]
-    return float(axis[2] / axis[0] * laid.plan.camera[number].perpendicular_m)
+    camera = laid.cameras[number]
+    middle = camera.normalize((np.array(camera.image_size) - 1) / 2)
+    ray = np.append(middle, 1.0) @ camera.rotation
+    return float(ray[2] / ray[0] * laid.plan.camera[number].perpendicular_m)
 
 
 def _level(camera: Camera, std_deg: float) -> Level:

@@ -1,6 +1,7 @@
 """A planned measurement without images: exact matches and tracks through the program's own adjustment and budget."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -65,7 +66,11 @@ def adjust(
         if np.isfinite(at).all(axis=1).sum() >= 2
     }
     readings = {view.name: view for view in session.view[1:]}
-    start = known.metric_rig(laid.rig.cameras)
+    posed = [
+        replace(camera, cam_from_world=true.cam_from_world)
+        for camera, true in zip(known.cameras, laid.rig.cameras, strict=True)
+    ]
+    start = known.metric_rig(posed)
     return adjust_to_site(start, matches, session.site, seen, readings=readings)
 
 
@@ -125,20 +130,22 @@ def _behind_face(laid: Layout, points: FloatArray, center: FloatArray) -> BoolAr
     return np.asarray(hit & (step > 0) & (step < 1 - 1e-9))
 
 
-def simulate_tracks(laid: Layout) -> dict[str, xr.Dataset]:
+def simulate_tracks(laid: Layout, *, seed: int = _SEED) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, with the expected motion and noise as it is predicted.
 
     Parameters
     ----------
     laid
         The plan.
+    seed
+        Of the noise.
 
     Returns
     -------
     tracks
         By view, shape (T, P, 2) [px].
     """
-    plan, rng = laid.plan, np.random.default_rng(_SEED)
+    plan, rng = laid.plan, np.random.default_rng(seed)
     noise_px = predict_noise_px(plan.structure.contrast) if plan.structure.noise_px is None else plan.structure.noise_px
     clock, names = np.arange(plan.frames) / plan.fps, [point.name for point in plan.point]
     moved = laid.motion.displacement(clock, laid.points3d) * ~laid.static[:, None]
