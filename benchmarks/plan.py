@@ -7,14 +7,21 @@ by the program from the files. What is compared is the expanded uncertainty (k =
 sample, over points and the axes that move; beside it the true error over the stated one.
 """
 
+import argparse
+import json
+import os
+import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from vfm_sdm.studies.planning.layout import try_lay_out
-from vfm_sdm.studies.planning.plan import Plan
+from vfm_sdm.studies.planning.plan import Area, Plan
+from vfm_sdm.studies.planning.positions import optimise_positions
 from vfm_sdm.studies.planning.prediction import predict
 from vfm_sdm.studies.planning.rehearsal import compare_rehearsal, rehearse_films, rehearse_tracks
 
@@ -54,7 +61,7 @@ def _draw(rng: np.random.Generator) -> Plan:
     second = first + float(rng.choice([-1, 1])) * apart * away
     focal_px = SIZE[0] / 2 / np.tan(np.radians(view_deg) / 2)
     lens_std = float(rng.choice([0.005, 0.02, 0.05]))
-    bits = None if rng.random() < 0.3 else float(np.exp(rng.uniform(np.log(2), np.log(10))))
+    bits = float(np.exp(rng.uniform(np.log(2), np.log(10))))
     cameras = [
         {
             "name": name, "longitudinal_m": float(place), "perpendicular_m": float(away * factor), "height_m": 1.5,
@@ -112,3 +119,88 @@ def study(seed: int, *, rendered: bool, folder: Path) -> Row:
         seed, prediction.relative, found.ratio, tuple(one.ratio for one in found.axes),
         found.error_ratio, found.inside, found.status, time.perf_counter() - start,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Optimised places of one site: uncertainty over that of the given ones, predicted and of drawn measurements."""
+
+    seed: int
+    predicted: float
+    achieved: float
+    tried: int
+    seconds: float
+
+
+def optimise(seed: int) -> Moved:
+    """The best places in an area a little larger than that between the given ones."""
+    start = time.perf_counter()
+    given = predict(draw_plan(seed))
+    places = np.array([one.place for one in given.laid.plan.camera])
+    away, along = places[:, 0], places[:, 1]
+    area = Area(
+        perpendicular_m=(0.7 * float(away.min()), 1.2 * float(away.max())),
+        longitudinal_m=(float(along.min()) - 3.0, float(along.max()) + 3.0),
+    )
+    found = optimise_positions(given, area)
+    achieved = [
+        compare_rehearsal(one, rehearse_tracks(one.laid, seed=seed)).achieved for one in (found.prediction, given)
+    ]
+    return Moved(seed, found.left, achieved[0] / achieved[1], found.tried, time.perf_counter() - start)
+
+
+def summarize(name: str, rows: Sequence[Row]) -> dict[str, float]:
+    """A line of the table, and its figures."""
+    ratios = np.array([row.ratio for row in rows])
+    axes = np.array([ratio for row in rows for ratio in row.of_axes])
+    measured = np.isfinite(ratios)
+    figures = {
+        "within_share": float(np.mean((ratios >= WITHIN[0]) & (ratios <= WITHIN[1]))),
+        "axes_within_share": float(np.mean((axes >= WITHIN[0]) & (axes <= WITHIN[1]))),
+        "median_ratio": float(np.median(ratios[measured])) if measured.any() else float("nan"),
+        "least_ratio": float(np.min(ratios[measured])) if measured.any() else float("nan"),
+        "largest_ratio": float(np.max(ratios[measured])) if measured.any() else float("nan"),
+        "inside_share": float(np.mean([row.inside for row in rows if np.isfinite(row.ratio)] or [np.nan])),
+        "measured_share": float(measured.mean()),
+        "mean_s": float(np.mean([row.seconds for row in rows])),
+    }
+    print(f"{name:12s}  {len(rows):5d}" + "".join(f"  {value:>17.3f}" for value in figures.values()), flush=True)
+    return figures
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--simulated", type=int, default=40, help="sites measured without images")
+    parser.add_argument("--rendered", type=int, default=4, help="sites filmed and measured, half a minute each")
+    parser.add_argument("--optimised", type=int, default=4, help="sites whose places are optimised, a minute each")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--verbose", action="store_true")
+    options = parser.parse_args(arguments)
+    names = ("within", "axes within", "median", "least", "largest", "inside", "measured", "seconds")
+    print(f"{'sites':12s}  {'count':>5s}" + "".join(f"  {name:>17s}" for name in names))
+    summary: dict[str, object] = {"processors": os.cpu_count()}
+    for kind in ("simulated", "rendered"):
+        rows = []
+        for seed in range(options.first, options.first + getattr(options, kind)):
+            with threadpool_limits(1), tempfile.TemporaryDirectory() as folder:
+                rows.append(study(seed, rendered=kind == "rendered", folder=Path(folder)))
+            if options.verbose:
+                print(f"    {rows[-1]}", flush=True)
+        if rows:
+            summary[kind] = {**summarize(kind, rows), "points": len(rows)}
+    moved = []
+    for seed in range(options.first, options.first + options.optimised):
+        with threadpool_limits(1):
+            moved.append(optimise(seed))
+        if options.verbose:
+            print(f"    {moved[-1]}", flush=True)
+    if moved:
+        better = float(np.mean([one.achieved < 1 for one in moved]))
+        left = float(np.median([one.achieved for one in moved]))
+        print(f"{'optimised':12s}  {len(moved):5d}  better {better:.2f}  median left {left:.2f}")
+        summary["optimised"] = {"better_share": better, "median_left_ratio": left, "points": len(moved)}
+    print(json.dumps(summary))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,8 +1,7 @@
 """The command ``vfm-sdm``: each command parses, calls one library function, and prints a short summary."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, NoReturn
 
@@ -10,15 +9,6 @@ import cyclopts
 import xarray as xr
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TaskID,
-    TextColumn,
-    TimeRemainingColumn,
-)
 from rich.prompt import Confirm
 
 from vfm_sdm import __version__
@@ -29,7 +19,7 @@ from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions
 from vfm_sdm.commands.planning import plan
-from vfm_sdm.core.progress import Progress as Callback
+from vfm_sdm.commands.progress import show_progress
 from vfm_sdm.core.registry import find
 from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.errors import DatasetError, VfmSdmError
@@ -89,7 +79,7 @@ def main(words: Sequence[str] | None = None) -> None:
 @app.command
 def demo(output: Annotated[Path, Parameter(help="Folder to write to.")] = Path("vfm-sdm-demo")) -> None:
     """Make a synthetic recording of a footbridge, measure it, and compare with the truth."""
-    with _progress() as progress:
+    with show_progress() as progress:
         result = run_demo(output, progress=progress)
     for part in reports.measurement_report(result.measurement):
         _out.print(part)
@@ -116,7 +106,7 @@ def measure_command(
     settings = read_session(session)
     for form in export:
         find("writers", form)  # before any work is done
-    with _progress() as progress:
+    with show_progress() as progress:
         result = measure(settings, output, progress=progress, whole_files=whole_files, forecast=_forecast(output))
     for part in reports.measurement_report(result):
         _out.print(part)
@@ -132,7 +122,7 @@ def measure_command(
 def cameras(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False) -> None:
     """Only cameras, axes and the points' places in every view: writes cameras.toml."""
     settings = read_session(session)
-    with _progress() as progress:
+    with show_progress() as progress:
         solution = Measurement(settings, output, progress=progress, whole_files=whole_files).run("cameras").cameras
     for part in reports.camera_report(solution):
         _out.print(part)
@@ -143,7 +133,7 @@ def cameras(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles 
 def track(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False) -> None:
     """Follow the points in every view: writes cameras.toml, points.nc and tracks.nc. Works with a single view, too."""
     settings = read_session(session)
-    with _progress() as progress:
+    with show_progress() as progress:
         tracks = Measurement(settings, output, progress=progress, whole_files=whole_files).run("tracks").tracks
     _out.print(reports.track_table(tracks))
     _say(f"written: {output / 'tracks.nc'}")
@@ -153,7 +143,7 @@ def track(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = 
 def displacement(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False) -> None:
     """Only displacement, without audit and figures: writes displacement.nc and displacement.csv."""
     settings = read_session(session)
-    with _progress() as progress:
+    with show_progress() as progress:
         measurement = Measurement(settings, output, progress=progress, whole_files=whole_files)
         result = measurement.run("displacement").displacement
     if result is None:
@@ -238,7 +228,7 @@ def benchmark_command(
 
     What is finished in the folder is not done again, so a run that was cut short goes on where it was.
     """
-    with _progress() as progress:
+    with show_progress() as progress:
         result = run_benchmark(output, size=size, names=data, sensitivity=sensitivity, progress=progress)
     for table in reports.benchmark_tables(result):
         _out.print(table)
@@ -262,7 +252,7 @@ def fetch(
 ) -> None:
     """Download a checkpoint after its licence was acknowledged; a download cut short leaves nothing behind."""
     accepted = accept_licence or _acknowledged(name)
-    with _progress() as progress:
+    with show_progress() as progress:
         path = fetch_weights(
             name,
             accept_licence=accepted,
@@ -323,24 +313,3 @@ def _named(words: Sequence[str], option: str) -> dict[str, str]:
             raise DatasetError(f"{option}: expected name=value, each name once, got {word!r}; correct it")
         named[name] = value
     return named
-
-
-@contextmanager
-def _progress() -> Iterator[Callback]:
-    """A progress bar on the terminal, one line for each thing done; silent where output is not a terminal."""
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=_err, transient=True) as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def show(what: str, done: int, total: int | None) -> None:
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total)
-            bars.update(tasks[what], completed=done, total=total)
-
-        yield show

@@ -1,5 +1,6 @@
 """The command ``plan``: what a site will be worth before anybody drives there."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +12,9 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from vfm_sdm.commands.progress import show_progress
 from vfm_sdm.studies.planning.advice import view_angles
+from vfm_sdm.studies.planning.from_run import plan_from_run
 from vfm_sdm.studies.planning.plan import read_plan
 from vfm_sdm.studies.planning.report import PlanReport, list_recordings, study_plan, write_report
 
@@ -23,16 +26,25 @@ _out = Console(markup=False)
 
 
 def plan(
-    site: Annotated[Path, Parameter(help="PLAN.toml; docs/plan.md explains it.")],
+    site: Annotated[Path, Parameter(help="PLAN.toml, or the folder of a finished run to do better; docs/plan.md.")],
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="Folder to write to.")],
+    rehearse: Annotated[
+        bool, Parameter(negative="", help="Also film the site with the renderer and measure the films: minutes.")
+    ] = False,
 ) -> None:
     """Rehearse a site: uncertainty of every point before driving there, what limits it and what would help most."""
-    report = study_plan(read_plan(site))
+    planned = plan_from_run(site) if site.is_dir() else read_plan(site)
+    films = output / "films" if rehearse else None
+    with show_progress() as progress:
+        report = study_plan(planned, films=films, progress=progress)
     for part in _report(report):
         _out.print(part)
     written = write_report(output, report)
     _out.print(f"written: {', '.join(map(str, written))}", highlight=False, soft_wrap=True)
+    if report.rehearsal is not None and not np.isfinite(report.rehearsal.ratio):
+        _out.print(f"no rehearsal: {report.rehearsal.status}", style="red", highlight=False)
+        sys.exit(3)
 
 
 def _report(report: PlanReport) -> Iterator[RenderableType]:
@@ -40,6 +52,7 @@ def _report(report: PlanReport) -> Iterator[RenderableType]:
     yield _uncertainty_table(report)
     yield _share_table(report)
     yield _recording_table(report)
+    yield from _further_tables(report)
     for note in report.prediction.adjusted.notes:
         yield Text(f"note: {note}", style="yellow")
     yield Text(f"limited by: {report.limiting}", style="bold")
@@ -49,6 +62,22 @@ def _report(report: PlanReport) -> Iterator[RenderableType]:
     for one in report.advice[:_MOST_ADVICE]:
         table.add_row(f"{one.left:.0%}", one.sentence)
     if report.advice:
+        yield table
+
+
+def _further_tables(report: PlanReport) -> Iterator[RenderableType]:
+    """Best places of the cameras, and the rehearsal beside its prediction."""
+    if (positions := report.positions) is not None:
+        title = f"Best places in the area: {positions.left:.0%} of the uncertainty of the given ones is left"
+        table = _table(title, ("camera", "from the face [m]", "along [m]"), text=1)
+        for one in positions.plan.camera:
+            table.add_row(one.name, f"{one.perpendicular_m:.2f}", f"{one.longitudinal_m:.2f}")
+        yield table
+    if (rehearsal := report.rehearsal) is not None:
+        table = _table("Rehearsal: +- k=2 in mm", ("point", "axis", "predicted", "achieved", "error (rms)"), text=2)
+        for row in rehearsal.axes:
+            figures = (row.predicted_mm, row.achieved_mm, row.error_mm)
+            table.add_row(row.point, row.axis, *(f"{one:.3f}" if np.isfinite(one) else "-" for one in figures))
         yield table
 
 

@@ -1,4 +1,4 @@
-"""Films of a planned site by the project's own renderer: a plate girder of the planned contrast before a slope."""
+"""Films of a planned site by the project's own renderer: a girder of the planned contrast before its background."""
 
 import math
 from collections.abc import Iterator
@@ -32,10 +32,12 @@ _BLOCK_M = 0.5
 """Half the side of what a static point lies on [m]."""
 _LARGEST_ERROR = 2.0
 """Errors of readings and lenses beyond this many standard deviations are not drawn."""
-_CRF = 8
+_CRF = 0
+"""Quality of a recording whose bit rate is not stated: as good as not compressed, as it is predicted."""
 _ENCODER = {"preset": "veryfast", "threads": "1"}
 _CONCRETE = Material(150, 18, tint=(-5, 3), stains=7)
-_SLOPE = Material(100, 20, tint=(-15, -5), longest_m=0.8, stains=1)
+_BANK = Material(94, 20, tint=(-15, -5), longest_m=0.6)
+_HOUSES = Material(128, 18, tint=(-9, 7), longest_m=2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ class PlannedSite:
         return self.laid.cameras
 
     def scene(self, *, seed: int) -> Scene:
-        """Plates of the face, what static points lie on, and a slope from the nearest to the farthest background.
+        """Plates of the face, what static points lie on, a near bank below and what is far above.
 
         Parameters
         ----------
@@ -103,10 +105,11 @@ class PlannedSite:
             corner = (float(at[0]), float(at[1]) - _BLOCK_M, float(at[2]) - _BLOCK_M)
             builder.add(f"block {number}", corner, (along(2 * _BLOCK_M), down(2 * _BLOCK_M)), _CONCRETE)
         near, far = structure.background_m
-        reach = (end - start) + 4 * (lateral + far)
-        rise = 2 * (lateral + far)
-        foot = (lateral + near, lower + 0.6 * rise, 0.5 * (start + end) - 0.5 * reach)
-        builder.add("slope", foot, (along(reach), (far - near, -1.2 * rise, 0.0)), _SLOPE)
+        middle, reach = 0.5 * (upper + lower), (end - start) + 4 * (lateral + far)
+        low = (lateral + near, middle, 0.5 * (start + end) - 0.5 * reach)
+        builder.add("bank", low, (along(reach), down(lateral + near)), _BANK)
+        high = (lateral + far, middle - (lateral + far), 0.5 * (start + end) - 0.5 * reach)
+        builder.add("houses", high, (along(reach), down(2 * (lateral + far))), _HOUSES)
         return Scene(tuple(builder.faces), sky=205.0)
 
 

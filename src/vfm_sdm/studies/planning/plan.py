@@ -20,6 +20,7 @@ from vfm_sdm.inputs.session.faults import field_faults
 from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive
 
 __all__ = [
+    "Area",
     "Measurements",
     "Motions",
     "Plan",
@@ -160,6 +161,22 @@ class Measurements(Entry):
     length: tuple[PlannedLength, ...] = ()
 
 
+class Area(Entry):
+    """Where cameras may stand: a rectangle before the structure."""
+
+    perpendicular_m: tuple[Positive, Positive]
+    """Nearest and farthest from the face [m]."""
+    longitudinal_m: tuple[Number, Number]
+    """First and last place along the structure [m]."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for name, (first, last) in (("perpendicular_m", self.perpendicular_m), ("longitudinal_m", self.longitudinal_m)):
+            if not first < last:
+                raise ValueError(f"{name}: expected the smaller one first, got {first:g} and {last:g} m; swap them")
+        return self
+
+
 class Plan(Entry):
     """A site as it is planned.
 
@@ -195,6 +212,8 @@ class Plan(Entry):
     synchronization: Literal["motion", "none"] = "motion"
     time_offset_std_s: Positive | None = None
     """Standard deviation with which the cameras' starts are known [s], for ``synchronization = "none"``."""
+    area: Area | None = None
+    """Where the best places of the cameras are looked for."""
 
     def __init__(self, **fields: Any) -> None:
         faults: list[str] = []

@@ -15,12 +15,9 @@ from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.studies.planning.filming import draw_errors, film_plan, true_displacement
 from vfm_sdm.studies.planning.layout import Layout
 from vfm_sdm.studies.planning.prediction import Prediction, state_axes
-from vfm_sdm.studies.planning.rehearse import adjust, list_matches, measure_exactly, simulate_tracks
+from vfm_sdm.studies.planning.rehearse import MATCH_STD_PX, adjust, list_matches, measure_exactly, simulate_tracks
 
 __all__ = ["Compared", "ComparedAxis", "Rehearsal", "compare_rehearsal", "rehearse_films", "rehearse_tracks"]
-
-_MATCH_PX = 0.25
-"""Standard deviation of drawn errors of matches: the least that the adjustment takes them to have [px]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +92,11 @@ class Compared:
         return self._relative("achieved_mm") / self._relative("predicted_mm")
 
     @property
+    def achieved(self) -> float:
+        """Achieved expanded uncertainty, relative to the expected amplitude, over points and moving axes [1]."""
+        return self._relative("achieved_mm")
+
+    @property
     def error_ratio(self) -> float:
         """Root mean square error over the achieved standard deviation, likewise [1]."""
         return 2 * self._relative("error_mm") / self._relative("achieved_mm")
@@ -150,10 +152,10 @@ def rehearse_tracks(laid: Layout, *, seed: int = 0) -> Rehearsal:
 def _disturb(matches: Matches, rng: np.random.Generator) -> Matches:
     """Matches with drawn errors."""
     first, second = (
-        pixels + _MATCH_PX * rng.standard_normal(pixels.shape)
+        pixels + MATCH_STD_PX * rng.standard_normal(pixels.shape)
         for pixels in (matches.points_first, matches.points_second)
     )
-    return Matches(matches.first, matches.second, first, second, matches.on_face)
+    return Matches(matches.first, matches.second, first, second, matches.on_face, matches.std_px)
 
 
 def compare_rehearsal(prediction: Prediction, rehearsal: Rehearsal) -> Compared:

@@ -4,16 +4,22 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from vfm_sdm.core.files import write_file, write_json
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.studies.planning.advice import Advice, list_advice, view_angles
 from vfm_sdm.studies.planning.drawing import draw_site
 from vfm_sdm.studies.planning.plan import Plan
+from vfm_sdm.studies.planning.positions import Positions, optimise_positions
 from vfm_sdm.studies.planning.prediction import Prediction, predict
+from vfm_sdm.studies.planning.rehearsal import Compared, compare_rehearsal, rehearse_films
 from vfm_sdm.studies.planning.shares import Share, list_shares
 
-__all__ = ["PlanReport", "list_recordings", "study_plan", "write_report"]
+__all__ = ["PlanReport", "RecordingSize", "list_recordings", "study_plan", "write_report"]
+
+_PLACE = ("perpendicular_m", "longitudinal_m", "height_m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +34,17 @@ class PlanReport:
         Of all sources, the largest first.
     advice
         What would help, most first.
+    positions
+        Best places of the cameras; ``None`` where the plan names no area.
+    rehearsal
+        The plan measured from films, beside its prediction; ``None`` where that was not asked for.
     """
 
     prediction: Prediction
     shares: tuple[Share, ...]
     advice: tuple[Advice, ...]
+    positions: Positions | None = None
+    rehearsal: Compared | None = None
 
     @property
     def limiting(self) -> str:
@@ -62,24 +74,31 @@ class RecordingSize:
     megabytes: float
 
 
-def study_plan(plan: Plan, *, progress: Progress | None = None) -> PlanReport:
-    """Prediction, shares and advice of a plan.
+def study_plan(plan: Plan, *, films: Path | None = None, progress: Progress | None = None) -> PlanReport:
+    """Prediction, shares and advice of a plan, and what else it asks for.
 
     Parameters
     ----------
     plan
-        The plan.
+        The plan; where it names an area, the best places in it are looked for.
+    films
+        Folder for films of the site, which are then measured by the program; ``None`` for none.
     progress
         Called with what is being done.
 
     Raises
     ------
     SessionError
-        Two cameras do not see every point of the structure.
+        Two cameras do not see every point of the structure, or nowhere in the area do they.
     """
     prediction = predict(plan)
     shares = tuple(list_shares(prediction))
-    return PlanReport(prediction, shares, tuple(list_advice(prediction, progress=progress)))
+    advice = tuple(list_advice(prediction, progress=progress))
+    positions = None if plan.area is None else optimise_positions(prediction, plan.area, progress=progress)
+    rehearsal = None
+    if films is not None:
+        rehearsal = compare_rehearsal(prediction, rehearse_films(prediction.laid, films, progress=progress))
+    return PlanReport(prediction, shares, advice, positions, rehearsal)
 
 
 def list_recordings(plan: Plan, view_deg: list[float]) -> list[RecordingSize]:
@@ -103,8 +122,10 @@ def list_recordings(plan: Plan, view_deg: list[float]) -> list[RecordingSize]:
     ]
 
 
-def write_report(folder: Path, report: PlanReport, *, further: dict[str, Any] | None = None) -> list[Path]:
-    """Writes ``plan.json`` and ``plan.png``; earlier ones are replaced only when the new ones are complete.
+def write_report(folder: Path, report: PlanReport) -> list[Path]:
+    """Writes ``plan.json``, ``plan.png`` and ``plan.toml``, of better places ``best.png`` and ``best.toml``, too.
+
+    Earlier ones are replaced only when the new ones are complete.
 
     Parameters
     ----------
@@ -112,8 +133,6 @@ def write_report(folder: Path, report: PlanReport, *, further: dict[str, Any] | 
         Output folder; made when absent.
     report
         What is said of the plan.
-    further
-        Further tables of ``plan.json``.
 
     Raises
     ------
@@ -121,7 +140,7 @@ def write_report(folder: Path, report: PlanReport, *, further: dict[str, Any] | 
         The folder cannot be written to.
     """
     prediction, plan = report.prediction, report.prediction.laid.plan
-    table = {
+    table: dict[str, Any] = {
         "name": plan.name,
         "plan": plan.model_dump(mode="json", exclude_none=True),
         "relative_uncertainty": prediction.relative,
@@ -132,14 +151,30 @@ def write_report(folder: Path, report: PlanReport, *, further: dict[str, Any] | 
         "advice": [{"what": one.sentence, "left": one.left} for one in report.advice],
         "recordings": [asdict(one) for one in list_recordings(plan, view_angles(prediction.laid))],
         "notes": list(prediction.adjusted.notes),
-        **(further or {}),
     }
+    drawn = {"plan": prediction}
+    if (positions := report.positions) is not None:
+        places = {one.name: dict(zip(_PLACE, one.place, strict=True)) for one in positions.plan.camera}
+        table["positions"] = {"left": positions.left, "tried": positions.tried, "cameras": places}
+        drawn["best"] = positions.prediction
+    if (rehearsal := report.rehearsal) is not None:
+        table["rehearsal"] = {
+            "camera_status": rehearsal.status,
+            "ratio": rehearsal.ratio,
+            "error_ratio": rehearsal.error_ratio,
+            "inside": rehearsal.inside,
+            "axes": [asdict(one) for one in rehearsal.axes],
+        }
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        drawn = write_file(folder / "plan.png", draw_site(prediction.laid))
+        written = [write_json(folder / "plan.json", table, label="plan")]
+        for name, one in drawn.items():
+            written.append(write_file(folder / f"{name}.png", draw_site(one.laid)))
+            fields = one.laid.plan.model_dump(mode="json", exclude_none=True)
+            written.append(write_file(folder / f"{name}.toml", tomli_w.dumps(fields)))
     except OSError as error:
         raise ResultsError(f"{folder}: expected a folder to write to, got: {error}; choose another") from error
-    return [write_json(folder / "plan.json", table, label="plan"), drawn]
+    return written
 
 
 def _by_point(prediction: Prediction) -> dict[str, dict[str, Any]]:

@@ -19,8 +19,6 @@ __all__ = ["Share", "list_shares"]
 
 _STEP = 1.005
 """Factor of a standard deviation with which the derivative by its logarithm is found."""
-_MATCH_STD_PX = 0.25
-"""Least standard deviation that the adjustment gives to what matches share (`match_cells.MatchNoise`) [px]."""
 _OF_BUDGET = {
     "random": "noise of the tracks",
     "synchronization": "timing of the cameras",
@@ -123,7 +121,7 @@ def _list_sources(laid: Layout) -> Iterator[tuple[str, SiteAdjustment]]:
     matches = list_matches(laid)
     for parameters, name in (((0,), "focal lengths"), ((1, 2, 3), "centres and distortion of the lenses")):
         yield name, adjust(laid, matches, priors=_loosen(laid.priors, parameters))
-    yield "matches", adjust(laid, list_matches(laid, std_px=_MATCH_STD_PX * float(np.sqrt(_STEP**2 - 1))))
+    yield "matches", adjust(laid, list_matches(laid, wider=_STEP))
     yield "pixels of the points", adjust(laid, matches, pointed=_STEP)
     for name, session in _list_wider(laid.session):
         yield name, adjust(replace(laid, session=session), matches)
