@@ -15,9 +15,6 @@ from vfm_sdm.studies.planning.prediction import Prediction, predict
 
 __all__ = ["Positions", "optimise_positions"]
 
-_STARTS = 32
-"""Places that are tried all over the area, of which those that see the points are predicted."""
-_STEPS = 40
 _SHORT_S = 3.0
 """Length of the motion by which places are compared [s]."""
 _GRAZING_DEG = 70.0
@@ -50,7 +47,9 @@ class Positions:
     tried: int
 
 
-def optimise_positions(given: Prediction, area: Area, *, progress: Progress | None = None) -> Positions:
+def optimise_positions(
+    given: Prediction, area: Area, *, starts: int = 32, steps: int = 40, progress: Progress | None = None
+) -> Positions:
     """Places of all cameras within an area that leave least uncertainty.
 
     Parameters
@@ -59,6 +58,10 @@ def optimise_positions(given: Prediction, area: Area, *, progress: Progress | No
         Prediction of the plan as it is; heights, lenses and readings stay.
     area
         Where cameras may stand.
+    starts
+        Number of places all over the area, a power of two, of which those that see the points are predicted.
+    steps
+        Largest number of places that are tried from the best of them.
     progress
         Called with the number of places that were tried.
 
@@ -80,28 +83,26 @@ def optimise_positions(given: Prediction, area: Area, *, progress: Progress | No
     """
     search = _Search(given, progress)
     cameras = len(given.laid.plan.camera)
-    low, high = np.array([area.perpendicular_m, area.longitudinal_m]).T
-    bounds = np.tile(np.column_stack([low, high]), (cameras, 1))
-    sobol = qmc.Sobol(2 * cameras, seed=_SEED).random(_STARTS)
-    starts = bounds[:, 0] + sobol * np.diff(bounds, axis=1)[:, 0]
+    low, high = np.tile(np.array([area.perpendicular_m, area.longitudinal_m]), (cameras, 1)).T
+    tried = low + qmc.Sobol(2 * cameras, seed=_SEED).random(starts) * (high - low)
     here = np.array([one.place[:2] for one in given.laid.plan.camera]).ravel()
-    if ((here >= bounds[:, 0]) & (here <= bounds[:, 1])).all():
-        starts = np.concatenate([here[None], starts])
-    costs = [search.cost(start) for start in starts]
+    if ((here >= low) & (here <= high)).all():
+        tried = np.concatenate([here[None], tried])
+    costs = [search.cost(one) for one in tried]
     if min(costs) >= _UNSEEN:
         raise SessionError(
-            f"area: expected places from which every camera sees the points, got none of {len(starts)} tried; "
+            f"area: expected places from which every camera sees the points, got none of {len(tried)} tried; "
             "enlarge it, or take shorter lenses"
         )
     found = minimize(
         search.cost,
-        starts[int(np.argmin(costs))],
+        tried[int(np.argmin(costs))],
         method="Nelder-Mead",
-        bounds=[(float(low), float(high)) for low, high in bounds],
-        options={"maxfev": _STEPS, "xatol": 0.02, "fatol": 1e-3},
+        bounds=list(zip(low.tolist(), high.tolist(), strict=True)),
+        options={"maxfev": steps, "xatol": 0.02, "fatol": 1e-3},
     )
-    rounded = np.round(found.x, 2)
-    best = rounded if search.cost(rounded) <= min(costs) else starts[int(np.argmin(costs))]
+    rounded = np.clip(np.round(found.x, 2), low, high)
+    best = rounded if search.cost(rounded) <= min(costs) else tried[int(np.argmin(costs))]
     prediction = predict(search.place(best))
     return Positions(search.place(best), prediction, prediction.relative / given.relative, search.tried)
 
