@@ -132,7 +132,7 @@ class Moved:
     seconds: float
 
 
-def optimise(seed: int) -> Moved:
+def optimise(seed: int, tries: int) -> Moved:
     """The best places in an area a little larger than that between the given ones."""
     start = time.perf_counter()
     given = predict(draw_plan(seed))
@@ -142,7 +142,7 @@ def optimise(seed: int) -> Moved:
         perpendicular_m=(0.7 * float(away.min()), 1.2 * float(away.max())),
         longitudinal_m=(float(along.min()) - 3.0, float(along.max()) + 3.0),
     )
-    found = optimise_positions(given, area)
+    found = optimise_positions(given, area, starts=tries, steps=tries)
     achieved = [
         compare_rehearsal(one, rehearse_tracks(one.laid, seed=seed)).achieved for one in (found.prediction, given)
     ]
@@ -164,7 +164,7 @@ def summarize(name: str, rows: Sequence[Row]) -> dict[str, float]:
         "measured_share": float(measured.mean()),
         "mean_s": float(np.mean([row.seconds for row in rows])),
     }
-    print(f"{name:12s}  {len(rows):5d}" + "".join(f"  {value:>17.3f}" for value in figures.values()), flush=True)
+    print(f"{name:12s}  {len(rows):5d}" + "".join(f"  {value:>12.3f}" for value in figures.values()), flush=True)
     return figures
 
 
@@ -173,11 +173,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--simulated", type=int, default=40, help="sites measured without images")
     parser.add_argument("--rendered", type=int, default=4, help="sites filmed and measured, half a minute each")
     parser.add_argument("--optimised", type=int, default=4, help="sites whose places are optimised, a minute each")
+    parser.add_argument("--tries", type=int, default=32, help="places tried before and after the best, a power of two")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args(arguments)
     names = ("within", "axes within", "median", "least", "largest", "inside", "measured", "seconds")
-    print(f"{'sites':12s}  {'count':>5s}" + "".join(f"  {name:>17s}" for name in names))
+    print(f"{'sites':12s}  {'count':>5s}" + "".join(f"  {name:>12s}" for name in names))
     summary: dict[str, object] = {"processors": os.cpu_count()}
     for kind in ("simulated", "rendered"):
         rows = []
@@ -191,7 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     moved = []
     for seed in range(options.first, options.first + options.optimised):
         with threadpool_limits(1):
-            moved.append(optimise(seed))
+            moved.append(optimise(seed, options.tries))
         if options.verbose:
             print(f"    {moved[-1]}", flush=True)
     if moved:

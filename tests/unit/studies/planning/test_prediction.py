@@ -74,7 +74,8 @@ def test_with_all_else_known_the_scale_is_that_of_the_baseline():
     found = predict(laid)
     # What the face tells of the baseline is little at a face offset of 0.1 m; it can only help.
     for one in found.axes:
-        assert 0.0085 < one.scale_std < 0.0101
+        # Depth also rests on the directions in which the cameras look, which matches tell.
+        assert 0.0085 < one.scale_std < (0.0105 if one.axis == "vertical" else 0.015)
 
 
 def test_twice_the_noise_is_twice_the_random_part(prediction):
