@@ -123,3 +123,8 @@ def test_a_pan_clip_tells_more_through_a_wider_lens():
 
 def test_noise_falls_with_contrast():
     assert predict_noise_px(10.0) == pytest.approx(2 * predict_noise_px(20.0), rel=0.05)
+
+
+def test_motion_too_short_for_the_clocks_is_named():
+    with pytest.raises(SessionError, match="motion that tells the offset between the cameras"):
+        predict(a_plan(duration_s=2.2, motion={"vertical": {"amplitude_mm": 0.01, "frequency_hz": 0.3}}))
