@@ -157,6 +157,7 @@ def _draft(plan: Plan) -> Session:
     """The session as far as lenses are read from it."""
     return Session(
         name=plan.name,
+        folder=plan.folder,
         # As tables, so that a name that no session may have is reported as a session's faults are.
         view=[{"name": one.name, "video": f"{one.name}.mp4", "lens": one.lens} for one in plan.camera],
         site=Site(baseline=Measured(value=_baseline(plan), std=plan.measured.baseline_std_m)),
@@ -201,7 +202,7 @@ def note(laid: Layout) -> Session:
         ),
     )
     method = Method(still_interval_s=(0.0, plan.still_s), synchronization=plan.synchronization, refinement="none")
-    return Session(name=plan.name, view=views, site=site, point=points, method=method)
+    return Session(name=plan.name, folder=plan.folder, view=views, site=site, point=points, method=method)
 
 
 def _note_view(laid: Layout, number: int, reading: ReadingsAt | None) -> View:

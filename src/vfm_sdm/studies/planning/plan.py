@@ -214,6 +214,8 @@ class Plan(Entry):
     """Standard deviation with which the cameras' starts are known [s], for ``synchronization = "none"``."""
     area: Area | None = None
     """Where the best places of the cameras are looked for."""
+    folder: Path = Field(default=Path(), exclude=True)
+    """Where relative paths of lenses start: the folder of the plan's file. Not written to it."""
 
     def __init__(self, **fields: Any) -> None:
         faults: list[str] = []
@@ -259,8 +261,10 @@ def read_plan(path: Path | str) -> Plan:
         raise SessionError(f"{source}: expected a readable plan, got: {error.strerror}; check it") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise SessionError(f"{source}: expected TOML in UTF-8, got: {error}; correct that line") from error
+    if "folder" in fields:
+        raise SessionError(f"{source}: folder: expected no such key, it is where the file lies; remove it")
     try:
-        return Plan(**fields)
+        return Plan(**fields, folder=source.absolute().parent)
     except SessionError as error:
         lines = str(error).splitlines()
         head = f"{source}: " if len(lines) == 1 else f"{source}: {len(lines)} faults\n  "

@@ -60,7 +60,9 @@ def test_a_fault_is_named(says):
 def test_a_plan_comes_back_from_its_file(tmp_path):
     path = tmp_path / "plan.toml"
     path.write_text(tomli_w.dumps(fields()), encoding="utf-8")
-    assert read_plan(path) == a_plan()
+    found = read_plan(path)
+    assert found.model_dump() == a_plan().model_dump()
+    assert found.folder == tmp_path
 
 
 @pytest.mark.parametrize(
@@ -68,6 +70,7 @@ def test_a_plan_comes_back_from_its_file(tmp_path):
     [
         (None, "expected a plan, got no such file"),
         (b"name = ", "expected TOML in UTF-8"),
+        (b"folder = 'a'", "folder: expected no such key"),
         (b"\xff\xfe", "expected TOML in UTF-8"),
         (b"name = 'a'\nduration_s = 0.0", "faults"),
     ],
