@@ -80,7 +80,7 @@ def pan_clip_std(view_deg: float) -> float:
     Examples
     --------
     >>> pan_clip_std(14.0), round(pan_clip_std(27.0), 4)
-    (0.005, 0.0022)
+    (0.005, 0.0018)
     """
     slope = np.interp(np.log(view_deg), np.log(_VIEW_DEG), np.log(_PAN_STD))
     beyond = np.log(_VIEW_DEG[0] / view_deg) * np.log(_PAN_STD[0] / _PAN_STD[1]) / np.log(_VIEW_DEG[1] / _VIEW_DEG[0])
