@@ -27,7 +27,7 @@ from simulation import SIZE, gain_error, project_all  # noqa: E402
 from vfm_sdm.core.statuses import CameraStatus  # noqa: E402
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std  # noqa: E402
 from vfm_sdm.stages.audit.lenses import find_unseen_lens_error  # noqa: E402
-from vfm_sdm.stages.cameras.site_problem import ALL_FOCALS  # noqa: E402
+from vfm_sdm.stages.cameras.site_cameras import ALL_FOCALS  # noqa: E402
 from vfm_sdm.stages.cameras.solution import CameraSolution  # noqa: E402
 
 PRIORS = ("none", "20 %", "5 %", "2 %", "both wrong", "one wrong")

@@ -20,8 +20,9 @@ from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.culprits import AS_PROBABLE, CULPRIT_STD, Suspect, list_suspects
+from vfm_sdm.stages.cameras.site_cameras import DISTANCE
 from vfm_sdm.stages.cameras.site_minimum import minimize_from_starts
-from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
+from vfm_sdm.stages.cameras.site_problem import SiteProblem
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
 
