@@ -1,0 +1,63 @@
+"""What a straight edge says of a camera: its chord leads to a vanishing point, and its chain does not bow."""
+
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.geometry.camera import Camera
+
+__all__ = ["edge_errors"]
+
+
+def edge_errors(
+    places: FloatArray, camera: Camera, directions: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """How far edges are from leading to their vanishing points, and from being straight.
+
+    Parameters
+    ----------
+    places
+        Start, middle and end of N edges, shape (N, 3, 2) [px].
+    camera
+        Camera that sees them; its distortion straightens them.
+    directions
+        Direction of each in space, in the frame of the rig, shape (N, 3) or (3,) [1]; its sign and length do not count.
+
+    Returns
+    -------
+    slope_px, bow_px
+        How far an end of the chord lies beside the line from its middle to the vanishing point, and the middle of the
+        chain beside the chord, shape (N,) [px] without distortion; NaN where a pixel has no ray.
+    away
+        Distance of the vanishing point from the middle of the chord, over half its length, shape (N,) [1].
+
+    Notes
+    -----
+    The image of a direction d is ``v = K R d``, where all lines of that direction meet [1]_. The first error is zero
+    where the plane through the optical centre and the chord holds d.
+
+    References
+    ----------
+    .. [1] Hartley, R., Zisserman, A. (2004). Multiple View Geometry in Computer Vision, 2nd edition, section 8.6.
+
+    Examples
+    --------
+    >>> camera = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+    >>> edge = camera.project(np.array([[1.0, -1.0, 10.0], [1.0, 0.0, 10.0], [1.0, 1.0, 10.0]]))
+    >>> [error.round(9).tolist() for error in edge_errors(edge[None], camera, np.array([0.0, 1.0, 0.0]))[:2]]
+    [[0.0], [0.0]]
+    """
+    straight = camera.pixels(camera.normalize(places))
+    vanishing = directions @ (camera.K @ camera.rotation).T
+    middle, half = (straight[:, 0] + straight[:, 2]) / 2, (straight[:, 2] - straight[:, 0]) / 2
+    to_vanishing = vanishing[..., :2] - vanishing[..., 2:] * middle
+    length = np.linalg.norm(half, axis=1)
+    reach = np.linalg.norm(to_vanishing, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = _cross(to_vanishing, half) / reach
+        away = reach / np.abs(np.broadcast_to(vanishing[..., 2], reach.shape)) / length
+        bow = _cross(half, straight[:, 1] - middle) / length
+    return slope, bow, away
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
