@@ -22,7 +22,7 @@ class PointParameters:
     points
         Named points by name.
     site
-        Ranges and lengths, which refer to them.
+        Ranges, lengths and rectangles, which refer to them.
     on_face
         Names of those on the face.
     views
@@ -49,6 +49,8 @@ class PointParameters:
         wanted = [r.point for r in site.range]
         for length in site.length:
             wanted += list(length.points)
+        for number, rectangle in enumerate(site.rectangle, start=1):
+            wanted += rectangle.corner_names(number)
         missing = sorted({name for name in wanted if name not in points})
         if missing:
             raise CameraError(

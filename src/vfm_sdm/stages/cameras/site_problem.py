@@ -9,15 +9,19 @@ from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.culprits import Claim
+from vfm_sdm.stages.cameras.edge_axes import find_edge_axes
+from vfm_sdm.stages.cameras.edge_groups import group_edges
 from vfm_sdm.stages.cameras.match_cells import MatchNoise
-from vfm_sdm.stages.cameras.site_axes import AxesParameters, AxesValues
+from vfm_sdm.stages.cameras.site_axes import AXES, AxesParameters, AxesValues
 from vfm_sdm.stages.cameras.site_cameras import list_distances, list_focal_claims, list_intrinsics
 from vfm_sdm.stages.cameras.site_face import FacePlace, FaceRelief
+from vfm_sdm.stages.cameras.site_lines import EdgeResiduals
 from vfm_sdm.stages.cameras.site_matches import MatchResiduals
 from vfm_sdm.stages.cameras.site_points import PointParameters
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
 from vfm_sdm.stages.cameras.whitening import RigParameters, differentiate, differentiate_centrally
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.straight_edges import StraightEdges
 
 __all__ = ["SiteProblem"]
 
@@ -27,7 +31,7 @@ class SiteProblem:
 
     Parameters
     ----------
-    rig, matches, site, points, readings
+    rig, matches, site, points, readings, edges
         Arguments of `vfm_sdm.stages.cameras.site.adjust_to_site`.
 
     Raises
@@ -40,7 +44,8 @@ class SiteProblem:
     The parameters are those of the rig, with the pose of the reference camera fixed, and distortion by what it does to
     pixels, so that its prior keeps its meaning when the focal length moves; pitch and roll of the reference
     camera; perpendicular and longitudinal distance; the common offset of points from the face and its lean, the offset
-    of matches at the lower border of the image; and pixel errors of the named points in use.
+    of matches at the lower border of the image; pixel errors of the named points in use; and, with edges, what their
+    directions differ from the axes by, and the axes themselves where the distances were not measured.
 
     The residual of a match is its Sampson error over ``sqrt(n s^2 + o^2)``, with ``n`` the number of matches in its
     cell of a 6 x 6 grid over the image, ``s`` the standard deviation of what they share and ``o`` that of each one's
@@ -51,7 +56,8 @@ class SiteProblem:
     ``multidic_cylinder`` that gave 73 % too much displacement with a residual of 0.2 px.
 
     Residuals of matches and shared points pass through the pseudo-Huber loss with a limit of three standard
-    deviations. So do the distances from the face of matches that lie on it, over its standard deviation.
+    deviations. So do the distances from the face of matches that lie on it, over its standard deviation, and what edges
+    differ from leading to their vanishing points and from straight by.
     """
 
     def __init__(
@@ -62,6 +68,7 @@ class SiteProblem:
         points: Mapping[str, SitePoint],
         *,
         readings: Mapping[str, Readings],
+        edges: Sequence[StraightEdges] = (),
     ) -> None:
         if rig.covariance is None:
             raise CameraError("site adjustment: expected a rig with a prior covariance, got none; state the priors")
@@ -70,16 +77,24 @@ class SiteProblem:
         self._readings = dict(readings)
         self._lenses_and_poses = RigParameters(rig)
         self._rig_size = self._lenses_and_poses.size
-        self._axes = AxesParameters(site)
-        self.has_axes = self._axes.has_face
+        edges = edges if site.lines is not None else ()
+        distances = site.perpendicular_distance is not None
+        found = find_edge_axes(edges, rig, site) if edges and not distances else None
+        self._axes = AxesParameters(site, found)
+        self.has_axes = self._axes.has_axes
         on_face = [name for name, point in points.items() if point.on_face and self._axes.has_face]
         self._points = PointParameters(points, site, on_face, len(rig))
         self._matches = MatchResiduals(matches, rig)
         on_face_cells = self._matches.cells if self._axes.has_face else []
         self._face = FaceRelief(on_face, on_face_cells, site.face_offset_std)
         self.size = self._rig_size + self._axes.size + self._points.size
+        known = edges if self.has_axes else ()
+        groups = group_edges(known, rig, self.structure_rotation(np.zeros(self.size))) if known else []
+        self._edges = EdgeResiduals(groups)
         self.notes: list[str] = []
-        if self.has_axes and site.reference_camera_level is None:
+        if site.lines is not None:
+            self.notes.append(self._describe_edges())
+        if self._axes.has_face and site.reference_camera_level is None:
             self.notes.append("no level reading of the reference camera: pitch and roll taken as 0 +- 1 degree")
 
     @property
@@ -128,7 +143,7 @@ class SiteProblem:
         Returns
         -------
         structure_from_cam1
-            Rotation matrix, shape (3, 3); the identity when the distances that give the axes were not measured.
+            Rotation matrix, shape (3, 3); the identity when neither distances nor edges tell the axes.
         """
         values = self._axes_values(z)
         return self._axes.rotation(values, self.rig(z).cameras[0]) if self.has_axes else np.eye(3)
@@ -147,7 +162,8 @@ class SiteProblem:
             Residuals, shape (M + R,) [1]; the first M are the parameters themselves.
         """
         of_rig = [self._compute_pair_residuals(z), self._compute_shared_residuals(z)]
-        return np.concatenate([z, *of_rig, self._compute_surface_residuals(z), self._compute_site_residuals(z)])
+        of_axes = [self._compute_surface_residuals(z), self._compute_edge_residuals(z)]
+        return np.concatenate([z, *of_rig, *of_axes, self._compute_site_residuals(z)])
 
     def jacobian(self, z: FloatArray) -> FloatArray:
         """Derivative of `residuals` by finite differences.
@@ -165,9 +181,11 @@ class SiteProblem:
         parts = [np.eye(self.size), differentiate(self._compute_pair_residuals, z, self._rig_size)]
         if self._matches.has_shared:
             parts.append(differentiate_centrally(self._compute_shared_residuals, z, self._rig_size))
+        moving = self._rig_size + self._axes.size
         if self._face.has_matches:
-            moving = self._rig_size + self._axes.size
             parts.append(differentiate_centrally(self._compute_surface_residuals, z, moving))
+        if self._edges.size:
+            parts.append(differentiate_centrally(self._compute_edge_residuals, z, moving))
         parts.append(differentiate(self._compute_site_residuals, z, self.size))
         return np.concatenate([np.pad(part, ((0, 0), (0, self.size - part.shape[1]))) for part in parts])
 
@@ -189,7 +207,9 @@ class SiteProblem:
         if rig.metric or self._site.baseline is not None:
             values += list_distances(self._start, rig)
         values += list_measured(self._state(z), self._site, self._readings)
-        named = self._axes.named(self._axes_values(z))
+        axes = self._axes_values(z)
+        values += self._axes.square_angles(axes, self._edges.axes)
+        named = self._axes.named(axes)
         return values + [AdjustedValue(name, unit, prior, std, now, True) for _, name, unit, prior, std, now in named]
 
     def claims(self, count: int) -> list[Claim]:
@@ -210,6 +230,9 @@ class SiteProblem:
         eye = np.eye(count)
         for index, name, unit, stated, std, _ in self._axes.named(self._axes_values(start)):
             found.append(Claim(name, unit, stated, std, eye[:, [self._rig_size + index]]))
+        for name, unit, stated, std, moved, advice in self._axes.edge_claims(self._edges.axes):
+            rows = sum(share * eye[:, [self._rig_size + index]] for index, share in moved.items())
+            found.append(Claim(name, unit, stated, std, np.asarray(rows), advice=advice))
         measured = list_measured(self._state(start), self._site, self._readings)
         first = count - len(measured) - len(self._face.names)
         for number, one in enumerate(measured, start=first):
@@ -242,7 +265,7 @@ class SiteProblem:
         return self._matches.epipolar_rms(self.rig(z))
 
     def weigh_matches(self, z: FloatArray) -> None:
-        """Gives matches the standard deviations that follow from a solution that fits them.
+        """Gives matches and edges the standard deviations that follow from a solution that fits them.
 
         Parameters
         ----------
@@ -250,6 +273,8 @@ class SiteProblem:
             Whitened parameters of a solution, shape (M,).
         """
         self._matches.weigh(self.rig(z))
+        if self._edges.size:
+            self._edges.weigh(self.rig(z), self._edge_directions(z))
 
     def weigh_relief(self, z: FloatArray) -> None:
         """Gives distances from the face, left out until then, the standard deviations that follow from a solution.
@@ -290,6 +315,20 @@ class SiteProblem:
         axes = self.structure_rotation(z) if self.has_axes else None
         points = self._triangulate_points(z)
         return SiteState(self.rig(z), points, values.pitch_rad, values.roll_rad, values.perpendicular_m, axes)
+
+    def _edge_directions(self, z: FloatArray) -> FloatArray:
+        return self._axes.edge_directions(self._axes_values(z), self.structure_rotation(z))
+
+    def _compute_edge_residuals(self, z: FloatArray) -> FloatArray:
+        return self._edges.residuals(self.rig(z), self._edge_directions(z)) if self._edges.size else np.empty(0)
+
+    def _describe_edges(self) -> str:
+        """A sentence on the edges in use."""
+        if not self._edges.axes:
+            return "straight edges: too few along any axis of the structure, none used"
+        counts = ", ".join(f"{self._edges.count(axis)} {AXES[axis]}" for axis in self._edges.axes)
+        source = "; the axes come from them, for the two distances were not measured" if self._axes.of_edges else ""
+        return f"straight edges used: {counts}{source}"
 
     def _compute_pair_residuals(self, z: FloatArray) -> FloatArray:
         return self._matches.residuals_of_pairs(self.rig(z))

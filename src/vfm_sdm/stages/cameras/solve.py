@@ -24,6 +24,7 @@ from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.locate import PointFinder
 from vfm_sdm.stages.matching.points import check_inside, named_points
+from vfm_sdm.stages.matching.straight_edges import StraightEdges, find_straight_edges
 
 __all__ = ["solve_cameras"]
 
@@ -71,18 +72,19 @@ def solve_cameras(
     known = estimate.rig.covariance is not None
     hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches, estimate.halves), *estimate.others]
     given = named_points(session, views)
-    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given)[0])
+    edges = _find_edges(session, frames)
+    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given, edges)[0])
     finder = PointFinder(session, frames, matcher)
     matches = weighed.hypothesis.matches
     start = Hypothesis(_with_poses_of(weighed.hypothesis.rig, weighed.adjusted.rig), matches)
     points = finder.find(weighed.adjusted.rig, matches)
-    adjusted, unused = _adjust(session, start, points)
+    adjusted, unused = _adjust(session, start, points, edges)
     if adjusted.frame is not None:
         again = finder.find_on_face(points, adjusted.rig, adjusted.frame)
         if not again.identical(points):
             points = again
-            adjusted, unused = _adjust(session, start, points)
-    stated, _ = _state(session, start, points)
+            adjusted, unused = _adjust(session, start, points, edges)
+    stated, _ = _state(session, start, points, edges)
     adjusted = explain_contradiction(stated, adjusted, {view.name: view.lens for view in session.view})
     adjusted = weighed.widened(adjusted)
     notes = [*estimate.notes, *adjusted.notes, *unused, *([] if known else [_NO_COVARIANCE]), *_list_missing(points)]
@@ -97,6 +99,13 @@ def solve_cameras(
         epipolar_rms_px=adjusted.epipolar_rms_px,
         suspects=adjusted.suspects,
     )
+
+
+def _find_edges(session: Session, frames: FirstFrames) -> tuple[StraightEdges, ...]:
+    """Straight edges of every first frame, where the session says that they keep the structure's axes."""
+    if session.site.lines is None:
+        return ()
+    return tuple(find_straight_edges(luma, view) for view, luma in enumerate(frames.values()))
 
 
 def _with_prior(rig: Rig) -> Rig:
@@ -116,14 +125,20 @@ def _with_poses_of(prior: Rig, adjusted: Rig) -> Rig:
     return replace(prior, cameras=tuple(cameras))
 
 
-def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[SiteAdjustment, list[str]]:
+def _adjust(
+    session: Session, one: Hypothesis, points: xr.Dataset, edges: tuple[StraightEdges, ...]
+) -> tuple[SiteAdjustment, list[str]]:
     """The cameras adjusted to everything measured on site to points seen in two views, and what had to be left out."""
-    stated, unused = _state(session, one, points)
-    adjusted = adjust_to_site(stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings)
+    stated, unused = _state(session, one, points, edges)
+    adjusted = adjust_to_site(
+        stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings, edges=stated.edges
+    )
     return adjusted, unused
 
 
-def _state(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[Statements, list[str]]:
+def _state(
+    session: Session, one: Hypothesis, points: xr.Dataset, edges: tuple[StraightEdges, ...]
+) -> tuple[Statements, list[str]]:
     """Everything that is stated of cameras and of points seen in two views, and what had to be left out."""
     position, std = (points[name].transpose("point", "view", "pixel").values for name in ("position", "position_std"))
     moving = {p.name for p in session.point if not p.static}
@@ -133,17 +148,27 @@ def _state(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[State
         if np.isfinite(pixels).all(axis=1).sum() >= 2
     }
     site, unused = _drop_unseen_lengths(session.site, seen)
-    return Statements(one.rig, one.matches, site, seen, {view.name: view for view in session.view[1:]}), unused
+    for number, rectangle in enumerate(site.rectangle, start=1):
+        corners = rectangle.corners or {}
+        nowhere = np.full((len(rectangle.corner_names(number)), 2), np.nan)
+        pixels = np.stack([np.array(corners.get(view.name, nowhere)) for view in session.view])
+        if corners:
+            for name, places in zip(rectangle.corner_names(number), pixels.swapaxes(0, 1), strict=True):
+                seen[name] = SitePoint(places, rectangle.std_px)
+    readings = {view.name: view for view in session.view[1:]}
+    return Statements(one.rig, one.matches, site, seen, readings, edges), unused
 
 
 def _drop_unseen_lengths(site: Site, seen: Mapping[str, SitePoint]) -> tuple[Site, list[str]]:
     """Site without lengths to points that are not seen in two views, and sentences about those lengths."""
     ranges = tuple(r for r in site.range if r.point in seen)
     lengths = tuple(one for one in site.length if set(one.points) <= set(seen))
+    rectangles = tuple(one for one in site.rectangle if set(one.points or ()) <= set(seen))
     lost = [f"range to {r.point!r}" for r in site.range if r not in ranges]
     lost += [f"length {one.points[0]!r} to {one.points[1]!r}" for one in site.length if one not in lengths]
+    lost += [f"rectangle {one.points}" for one in site.rectangle if one not in rectangles]
     notes = [f"{what} not used: its point was not found in a second view" for what in lost]
-    return site.model_copy(update={"range": ranges, "length": lengths}), notes
+    return site.model_copy(update={"range": ranges, "length": lengths, "rectangle": rectangles}), notes
 
 
 def _list_missing(points: xr.Dataset) -> list[str]:
