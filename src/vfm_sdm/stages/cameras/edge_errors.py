@@ -1,16 +1,36 @@
 """What a straight edge says of a camera: its chord leads to a vanishing point, and its chain does not bow."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import Camera
 
-__all__ = ["edge_errors"]
+__all__ = ["EdgeErrors", "edge_errors"]
 
 
-def edge_errors(
-    places: FloatArray, camera: Camera, directions: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+class EdgeErrors(NamedTuple):
+    """Errors of N edges.
+
+    Parameters
+    ----------
+    slope_px, bow_px
+        How far an end of the chord lies beside the line from its middle to the vanishing point, and the middle of the
+        chain beside the chord, shape (N,) [px] without distortion; NaN where a pixel has no ray.
+    away
+        Distance of the vanishing point from the middle of the chord, over half its length, shape (N,) [1].
+    foreshortening
+        Sine of the angle at which each is seen, shape (N,) [1]: what a member is out of line by shows as much larger.
+    """
+
+    slope_px: FloatArray
+    bow_px: FloatArray
+    away: FloatArray
+    foreshortening: FloatArray
+
+
+def edge_errors(places: FloatArray, camera: Camera, directions: FloatArray) -> EdgeErrors:
     """How far edges are from leading to their vanishing points, and from being straight.
 
     Parameters
@@ -24,11 +44,8 @@ def edge_errors(
 
     Returns
     -------
-    slope_px, bow_px
-        How far an end of the chord lies beside the line from its middle to the vanishing point, and the middle of the
-        chain beside the chord, shape (N,) [px] without distortion; NaN where a pixel has no ray.
-    away
-        Distance of the vanishing point from the middle of the chord, over half its length, shape (N,) [1].
+    errors
+        Errors of each.
 
     Notes
     -----
@@ -46,7 +63,8 @@ def edge_errors(
     >>> [error.round(9).tolist() for error in edge_errors(edge[None], camera, np.array([0.0, 1.0, 0.0]))[:2]]
     [[0.0], [0.0]]
     """
-    straight = camera.pixels(camera.normalize(places))
+    normalized = camera.normalize(places)
+    straight = camera.pixels(normalized)
     vanishing = directions @ (camera.K @ camera.rotation).T
     middle, half = (straight[:, 0] + straight[:, 2]) / 2, (straight[:, 2] - straight[:, 0]) / 2
     to_vanishing = vanishing[..., :2] - vanishing[..., 2:] * middle
@@ -56,7 +74,11 @@ def edge_errors(
         slope = _cross(to_vanishing, half) / reach
         away = reach / np.abs(np.broadcast_to(vanishing[..., 2], reach.shape)) / length
         bow = _cross(half, straight[:, 1] - middle) / length
-    return slope, bow, away
+    rays = np.concatenate([normalized[:, 1], np.ones((len(places), 1))], axis=1)
+    along = np.broadcast_to(directions @ camera.rotation.T, rays.shape)
+    seen = np.linalg.norm(np.cross(rays, along), axis=1)
+    seen = seen / (np.linalg.norm(rays, axis=1) * np.linalg.norm(along, axis=1))
+    return EdgeErrors(slope, bow, away, seen)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ degree, and focal lengths that are off by a few per cent make views disagree by 
 _APART = 2.0
 """Tolerances by which an edge has to be away from all other axes."""
 _NARROWEST = np.radians(0.5)
-_PRIOR = np.radians(2.0)
+_PRIOR = np.radians(5.0)
 """Standard deviation of the direction in which most edges run, from the axis as it is known before [rad]."""
 _AWAY = 3.0
 """Least distance of the vanishing point, over half the edge's length."""
@@ -45,15 +45,19 @@ class AxisEdges:
         Number of its cell, one for each part of the image and axis, shape (N,).
     weight
         One over the square root of the number of edges in the cell of each, shape (N,) [1].
+    rows, total
+        Place of each among all edges of the view, shape (N,), and their number.
     """
 
     edges: StraightEdges
     axis: IntArray
     cell: IntArray
     weight: FloatArray
+    rows: IntArray
+    total: int
 
 
-def group_edges(edges: Sequence[StraightEdges], rig: Rig, axes: FloatArray) -> list[AxisEdges]:
+def group_edges(edges: Sequence[StraightEdges], rig: Rig, axes: FloatArray | None) -> list[AxisEdges]:
     """Edges along the structure's axes; those of other directions, and of two alike, are left out.
 
     Parameters
@@ -63,7 +67,8 @@ def group_edges(edges: Sequence[StraightEdges], rig: Rig, axes: FloatArray) -> l
     rig
         Cameras as they are known before.
     axes
-        Lateral, vertical and longitudinal axis in the frame of the rig, as they are known before, shape (3, 3) [1].
+        Lateral, vertical and longitudinal axis in the frame of the rig, as they are known before, shape (3, 3) [1];
+        ``None`` where nothing is known, and then no edge is chosen.
 
     Returns
     -------
@@ -72,8 +77,10 @@ def group_edges(edges: Sequence[StraightEdges], rig: Rig, axes: FloatArray) -> l
 
     Notes
     -----
-    Around each axis the direction in which most edges of all views run is found by iteratively reweighted least squares
+    Around each axis the direction in which most edges of a view run is found by iteratively reweighted least squares
     with the Geman-McClure loss, whose width shrinks: edges of any other direction have no influence in the end [1]_.
+    Views are looked at one by one, for their relative pose may be known to some degrees only, and edges that agree with
+    it would be the ones to stay.
 
     References
     ----------
@@ -89,10 +96,12 @@ def group_edges(edges: Sequence[StraightEdges], rig: Rig, axes: FloatArray) -> l
     >>> group.axis.tolist()
     [1, 1, 1, 1, 1]
     """
-    directions = np.stack([_find_direction(edges, rig, axis) for axis in axes])
-    chosen = [_choose(one, rig, directions) for one in edges]
+    if axes is None:
+        none = [np.full(len(one), -1) for one in edges]
+        return [_thin(one, axis, axis) for one, axis in zip(edges, none, strict=True)]
+    chosen = [_choose(one, rig, np.stack([_find_direction(one, rig, axis) for axis in axes])) for one in edges]
     cells = [_cells(one, rig, axis) for one, axis in zip(edges, chosen, strict=True)]
-    for axis in range(len(directions)):
+    for axis in range(len(axes)):
         seen = sum(len(np.unique(cell[own == axis])) for cell, own in zip(cells, chosen, strict=True))
         if seen < _LEAST_CELLS:
             chosen = [np.where(own == axis, -1, own) for own in chosen]
@@ -116,20 +125,20 @@ def angles_to(one: StraightEdges, rig: Rig, direction: FloatArray) -> FloatArray
     angles
         Infinite where the vanishing point is on the edge or near it, or a pixel has no ray.
     """
-    slope, _, away = edge_errors(one.places, rig.cameras[one.view], direction)
+    slope, _, away, _ = edge_errors(one.places, rig.cameras[one.view], direction)
     angle = np.arcsin(np.clip(slope / (one.length_px / 2), -1, 1))
     return np.where(np.isfinite(angle) & (away > _AWAY), angle, np.inf)
 
 
-def _find_direction(edges: Sequence[StraightEdges], rig: Rig, axis: FloatArray) -> FloatArray:
-    """Direction near an axis in which most edges run, shape (3,) [1]."""
-    near = [one.chosen(np.abs(angles_to(one, rig, axis)) < _NEAR) for one in edges]
-    length = np.minimum(np.concatenate([one.length_px for one in near]), _LONGEST_PX) / _LONGEST_PX
+def _find_direction(one: StraightEdges, rig: Rig, axis: FloatArray) -> FloatArray:
+    """Direction near an axis in which most edges of a view run, shape (3,) [1]."""
+    near = one.chosen(np.abs(angles_to(one, rig, axis)) < _NEAR)
+    length = np.minimum(near.length_px, _LONGEST_PX) / _LONGEST_PX
     tangents = np.linalg.svd(axis[None])[2][1:]
     away, width = np.zeros(2), _NEAR
 
     def angles(off: FloatArray) -> FloatArray:
-        found = np.concatenate([angles_to(one, rig, axis + off @ tangents) for one in near])
+        found = angles_to(near, rig, axis + off @ tangents)
         return np.where(np.isfinite(found), found, _NEAR)
 
     for _ in range(12):
@@ -137,8 +146,7 @@ def _find_direction(edges: Sequence[StraightEdges], rig: Rig, axis: FloatArray) 
         slopes = np.stack([(angles(away + step) - now) / 1e-5 for step in 1e-5 * np.eye(2)], axis=1)
         weight = length / (1 + (now / width) ** 2) ** 2
         normal = slopes.T @ (weight[:, None] * slopes) + np.eye(2) * (width / _PRIOR) ** 2
-        step = np.linalg.solve(normal, slopes.T @ (weight * now) + away * (width / _PRIOR) ** 2)
-        away = away - step
+        away = away - np.linalg.solve(normal, slopes.T @ (weight * now) + away * (width / _PRIOR) ** 2)
         width = max(0.7 * width, _NARROWEST)
     return np.asarray(axis + away @ tangents)
 
@@ -156,8 +164,8 @@ def _choose(one: StraightEdges, rig: Rig, directions: FloatArray) -> IntArray:
 
 def _raw_angle(one: StraightEdges, rig: Rig, direction: FloatArray) -> FloatArray:
     """As `angles_to` without its sign, and also of edges near the vanishing point."""
-    slope, _, _ = edge_errors(one.places, rig.cameras[one.view], direction)
-    angle = np.abs(np.arcsin(np.clip(slope / (one.length_px / 2), -1, 1)))
+    found = edge_errors(one.places, rig.cameras[one.view], direction)
+    angle = np.abs(np.arcsin(np.clip(found.slope_px / (one.length_px / 2), -1, 1)))
     return np.where(np.isfinite(angle), angle, 0.0)
 
 
@@ -177,4 +185,4 @@ def _thin(one: StraightEdges, axis: IntArray, cell: IntArray) -> AxisEdges:
         kept.append(members)
         weights.append(np.full(members.size, members.size**-0.5))
     rows = np.concatenate(kept)
-    return AxisEdges(one.chosen(rows), axis[rows], cell[rows], np.concatenate(weights))
+    return AxisEdges(one.chosen(rows), axis[rows], cell[rows], np.concatenate(weights), rows, len(one))

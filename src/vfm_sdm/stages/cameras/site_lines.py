@@ -18,6 +18,8 @@ _UNKNOWN_SLANT, _UNKNOWN_BOW = np.radians(0.5), 1e-3
 """By how much members are out of line [rad] and out of straight over their length [1], until residuals tell it:
 tolerances of steel structures (EN 1090-2) are a five-hundredth and a thousandth."""
 _GROSS = 4.0
+_END_ON = 0.05
+"""Sine of the least angle at which a member is seen: edges near their vanishing point are left out."""
 _NORMAL = 1.4826
 _LEAST_FREE = 4
 
@@ -29,7 +31,7 @@ class EdgeNoise:
     Parameters
     ----------
     slant_rad
-        Angle between members of one axis, as the pictures show it [rad].
+        Angle between members of one axis [rad].
     bow
         Distance of the middle of a member from its chord, over the length [1].
     """
@@ -51,7 +53,7 @@ class EdgeResiduals:
     noise
         What members differ by.
     size
-        Number of residuals.
+        Number of residuals: those of edges that are left out are 0.
 
     Notes
     -----
@@ -63,7 +65,8 @@ class EdgeResiduals:
         self._groups = list(groups)
         self.noise = EdgeNoise()
         self._kept: list[BoolArray] = [np.ones(len(one.edges), dtype=np.bool_) for one in groups]
-        self.size = 2 * sum(len(one.edges) for one in groups)
+        # Of all edges, so that problems with other cameras, which other edges agree with, have as many.
+        self.size = 2 * sum(one.total for one in groups)
         self._views_of = np.array([sum(bool((one.axis == axis).any()) for one in groups) for axis in range(3)])
 
     @property
@@ -93,9 +96,9 @@ class EdgeResiduals:
         """
         parts = [np.empty(0)]
         for group, kept in zip(self._groups, self._kept, strict=True):
-            slope, bow, _ = edge_errors(group.edges.places, rig.cameras[group.edges.view], directions[group.axis])
+            slope, bow, _, seen = edge_errors(group.edges.places, rig.cameras[group.edges.view], directions[group.axis])
             half = group.edges.length_px / 2
-            shared = self.noise.slant_rad * half * np.sqrt(self._views_of[group.axis])
+            shared = self.noise.slant_rad * half * np.sqrt(self._views_of[group.axis]) / np.fmax(seen, _END_ON)
             bent = self.noise.bow * 2 * half * np.sqrt(self._views_of[group.axis])
             for errors, common, own in (
                 (slope, shared, group.edges.slope_std_px),
@@ -103,7 +106,9 @@ class EdgeResiduals:
             ):
                 single = np.hypot(common, own)
                 factor = group.weight * single / np.hypot(common, own * group.weight)
-                parts.append(np.where(kept, bend(errors / single) * factor, 0.0))
+                of_all = np.zeros(group.total)
+                of_all[group.rows] = np.where(kept, bend(errors / single) * factor, 0.0)
+                parts.append(of_all)
         return np.concatenate(parts)
 
     def weigh(self, rig: Rig, directions: FloatArray) -> None:
@@ -129,11 +134,13 @@ class EdgeResiduals:
         for _ in range(2):
             slants, bows = [np.empty((0, 3))], [np.empty((0, 3))]
             for group, kept in zip(self._groups, self._kept, strict=True):
-                slope, bow, _ = edge_errors(group.edges.places, rig.cameras[group.edges.view], directions[group.axis])
+                slope, bow, _, seen = edge_errors(
+                    group.edges.places, rig.cameras[group.edges.view], directions[group.axis]
+                )
                 half, views = group.edges.length_px / 2, self._views_of[group.axis]
                 known = kept & np.isfinite(slope) & np.isfinite(bow)
                 for found, error, own, length in (
-                    (slants, slope, group.edges.slope_std_px, half),
+                    (slants, slope * seen, group.edges.slope_std_px * seen, half),
                     (bows, bow, group.edges.bow_std_px, 2 * half),
                 ):
                     found.append(_cell_means(group, known, error / length, own / length, views))
@@ -146,9 +153,10 @@ class EdgeResiduals:
 
     def _near(self, group: AxisEdges, rig: Rig, directions: FloatArray) -> BoolArray:
         """Whether each edge is within four standard deviations, shape (N,)."""
-        slope, bow, _ = edge_errors(group.edges.places, rig.cameras[group.edges.view], directions[group.axis])
+        slope, bow, _, seen = edge_errors(group.edges.places, rig.cameras[group.edges.view], directions[group.axis])
         length, views = group.edges.length_px, np.sqrt(self._views_of[group.axis])
-        slope_std = np.hypot(self.noise.slant_rad * length / 2 * views, group.edges.slope_std_px)
+        slant = self.noise.slant_rad / np.fmax(seen, _END_ON)
+        slope_std = np.hypot(slant * length / 2 * views, group.edges.slope_std_px)
         bow_std = np.hypot(self.noise.bow * length * views, group.edges.bow_std_px)
         with np.errstate(invalid="ignore"):
             return np.asarray((np.abs(slope) < _GROSS * slope_std) & (np.abs(bow) < _GROSS * bow_std))

@@ -88,8 +88,8 @@ class SiteProblem:
         on_face_cells = self._matches.cells if self._axes.has_face else []
         self._face = FaceRelief(on_face, on_face_cells, site.face_offset_std)
         self.size = self._rig_size + self._axes.size + self._points.size
-        known = edges if self.has_axes else ()
-        groups = group_edges(known, rig, self.structure_rotation(np.zeros(self.size))) if known else []
+        axes = self.structure_rotation(np.zeros(self.size)) if self.has_axes else None
+        groups = group_edges(edges, rig, axes) if edges else []
         self._edges = EdgeResiduals(groups)
         self.notes: list[str] = []
         if site.lines is not None:

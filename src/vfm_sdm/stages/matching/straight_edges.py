@@ -11,7 +11,7 @@ __all__ = ["StraightEdges", "find_straight_edges"]
 
 _LEAST_LENGTH_PX = 40.0
 """With 0.1 px of noise at ten independent points such a chain tells its direction to 0.3 degrees."""
-_MOST_EDGES = 600
+_MOST_EDGES = 400
 _SMOOTHING_PX = 1.0
 """Standard deviation of the Gaussian whose derivative finds edges, as Canny's default is."""
 _REACH_PX, _STEP_PX = 4.0, 0.5
