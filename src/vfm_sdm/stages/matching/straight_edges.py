@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.ndimage import map_coordinates, spline_filter
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray, as_float_array
 
@@ -98,9 +99,10 @@ def find_straight_edges(luma: LumaArray, view: int) -> StraightEdges:
     Notes
     -----
     Segments of OpenCV's line segment detector [1]_ say where to look. Across each the derivative of the brightness,
-    smoothed by a Gaussian, has its extremum at the edge, which a parabola through three samples tells to a fraction of
-    a pixel [2]_. Errors of neighbouring points are correlated; their number that counts is that of the points over the
-    sum of the autocorrelations up to the first that is not positive [3]_.
+    smoothed by a Gaussian, has its extremum at the edge, which a parabola through the logarithms of three samples tells
+    to a fraction of a pixel [2]_: that of a blurred edge is a Gaussian itself. Errors of neighbouring points are
+    correlated; their number that counts is that of the points over the sum of the autocorrelations up to the first that
+    is not positive [3]_.
 
     References
     ----------
@@ -125,22 +127,22 @@ def find_straight_edges(luma: LumaArray, view: int) -> StraightEdges:
     ends = np.asarray(segments, dtype=np.float64).reshape(-1, 2, 2)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     order = [index for index in np.argsort(-length, kind="stable") if length[index] >= _LEAST_LENGTH_PX]
-    smooth = cv2.GaussianBlur(luma.astype(np.float32), (0, 0), _SMOOTHING_PX)
-    gradient = np.stack([cv2.Scharr(smooth, cv2.CV_32F, *axis) for axis in ((1, 0), (0, 1))]).astype(np.float64)
-    found = [one for index in order[:_MOST_EDGES] if (one := _fit_chain(gradient, ends[index])) is not None]
+    # Not OpenCV's interpolation, which rounds places to a 32nd of a pixel.
+    spline = spline_filter(cv2.GaussianBlur(luma.astype(np.float64), (0, 0), _SMOOTHING_PX), order=3)
+    found = [one for index in order[:_MOST_EDGES] if (one := _fit_chain(spline, ends[index])) is not None]
     if not found:
         return empty
     places, slope, bow = zip(*found, strict=True)
     return StraightEdges(view, np.array(places), np.array(slope), np.array(bow))
 
 
-def _fit_chain(gradient: FloatArray, ends: FloatArray) -> tuple[FloatArray, float, float] | None:
+def _fit_chain(spline: FloatArray, ends: FloatArray) -> tuple[FloatArray, float, float] | None:
     """Places of a parabola (3, 2) along a segment (2, 2) [px] and their standard deviations; ``None`` without an edge.
 
     Parameters
     ----------
-    gradient
-        Derivative of the smoothed picture along u and v, shape (2, H, W).
+    spline
+        Cubic spline of the smoothed picture, shape (H, W).
     """
     reach, half = _REACH_PX, float("nan")
     for _ in range(2):
@@ -148,7 +150,7 @@ def _fit_chain(gradient: FloatArray, ends: FloatArray) -> tuple[FloatArray, floa
         half = float(np.linalg.norm(along)) / 2
         normal = np.array([-along[1], along[0]]) / (2 * half)
         t = np.linspace(-1, 1, int(2 * half) + 1)
-        across, known = _find_edge_points(gradient, ends.mean(axis=0) + t[:, None] * along / 2, normal, reach)
+        across, known = _find_edge_points(spline, ends.mean(axis=0) + t[:, None] * along / 2, normal, reach)
         if known.sum() < _LEAST_KEPT * len(t):
             return None
         fit = _fit_parabola(t[known], across[known])
@@ -168,22 +170,23 @@ def _fit_chain(gradient: FloatArray, ends: FloatArray) -> tuple[FloatArray, floa
 
 
 def _find_edge_points(
-    gradient: FloatArray, centres: FloatArray, normal: FloatArray, reach: float
+    spline: FloatArray, centres: FloatArray, normal: FloatArray, reach: float
 ) -> tuple[FloatArray, BoolArray]:
     """Distance of the edge from points (N, 2) along a normal [px], shape (N,), and whether there is one."""
-    offsets = np.arange(-reach, reach + _STEP_PX / 2, _STEP_PX)
-    places = (centres[:, None] + offsets[:, None] * normal).astype(np.float32)
-    u, v = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
-    parts = [cv2.remap(one, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for one in gradient]
-    slope = parts[0] * normal[0] + parts[1] * normal[1]
+    steps = np.arange(-reach - _STEP_PX, reach + 1.5 * _STEP_PX, _STEP_PX)
+    places = centres[:, None] + steps[:, None] * normal
+    sampled = map_coordinates(spline, np.moveaxis(places[..., ::-1], -1, 0), order=3, mode="nearest", prefilter=False)
+    slope, offsets = sampled[:, 2:] - sampled[:, :-2], steps[1:-1]
     # One edge is brighter on one side all along.
     slope = slope * np.sign(np.median(slope[:, len(offsets) // 2]))
     best = np.clip(slope.argmax(axis=1), 1, len(offsets) - 2)
     rows = np.arange(len(centres))
     before, peak, after = slope[rows, best - 1], slope[rows, best], slope[rows, best + 1]
-    curvature = before - 2 * peak + after
-    known = (peak >= before) & (peak >= after) & (curvature < 0) & (peak > _LEAST_SLOPE * np.median(peak)) & (peak > 0)
-    shift = np.where(known, (before - after) / (2 * np.where(known, curvature, 1.0)), 0.0)
+    known = (peak >= before) & (peak >= after) & (np.minimum(before, after) > 0) & (before + after < 2 * peak)
+    known &= peak > _LEAST_SLOPE * np.median(peak)
+    before, peak, after = (np.log(np.where(known, one, 1.0)) for one in (before, peak, after))
+    curvature = np.where(known, before - 2 * peak + after, 1.0)
+    shift = (before - after) / (2 * curvature)
     return offsets[best] + _STEP_PX * shift, known
 
 
