@@ -168,7 +168,7 @@ def _suspect(one: _Solved, base: _Solved, lenses: Mapping[str, Lens | None]) -> 
     error = float(np.linalg.lstsq(claim.rows, residuals, rcond=None)[0][0])
     checked = list_suspects([claim], residuals, one.problem.jacobian(one.solution.x))
     std = checked[0].freed_std if checked else unknown
-    found = Suspect(claim.name, claim.units, claim.stated, claim.freed(error), std, drop, rank)
+    found = Suspect(claim.name, claim.units, claim.stated, claim.freed(error), std, drop, rank, claim.advice)
     said = lenses.get(claim.name.removeprefix("focal "), next(iter(lenses.values()), None))
     return replace(found, advice=advise_on_lens(found, said)) if claim.name.startswith("focal") else found
 
