@@ -1,5 +1,6 @@
 """What a straight edge says of a camera: its chord leads to a vanishing point, and its chain does not bow."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import Camera
 
-__all__ = ["EdgeErrors", "edge_errors"]
+__all__ = ["EdgeErrors", "StraightenedEdges", "edge_errors", "straighten"]
 
 
 class EdgeErrors(NamedTuple):
@@ -17,7 +18,7 @@ class EdgeErrors(NamedTuple):
     ----------
     slope_px, bow_px
         How far an end of the chord lies beside the line from its middle to the vanishing point, and the middle of the
-        chain beside the chord, shape (N,) [px] without distortion; NaN where a pixel has no ray.
+        chain beside the chord, shape (N,) [px] as it was seen; NaN where a pixel has no ray.
     away
         Distance of the vanishing point from the middle of the chord, over half its length, shape (N,) [1].
     foreshortening
@@ -63,22 +64,70 @@ def edge_errors(places: FloatArray, camera: Camera, directions: FloatArray) -> E
     >>> [error.round(9).tolist() for error in edge_errors(edge[None], camera, np.array([0.0, 1.0, 0.0]))[:2]]
     [[0.0], [0.0]]
     """
+    return straighten(places, camera).errors(camera, directions)
+
+
+@dataclass(frozen=True, eq=False)
+class StraightenedEdges:
+    """Edges as a camera without distortion would see them.
+
+    Parameters
+    ----------
+    half_px
+        Half the length of each chord as it was seen, shape (N,) [px].
+    places
+        Start, middle and end without distortion, shape (N, 3, 2) [px].
+    rays
+        Directions to the middles in the camera's axes, shape (N, 3) [1].
+    """
+
+    half_px: FloatArray
+    places: FloatArray
+    rays: FloatArray
+
+    def errors(self, camera: Camera, directions: FloatArray) -> EdgeErrors:
+        """As of `edge_errors`, with the camera that straightened them.
+
+        Parameters
+        ----------
+        camera, directions
+            As of `edge_errors`.
+        """
+        vanishing = directions @ (camera.K @ camera.rotation).T
+        first, last = self.places[:, 0], self.places[:, 2]
+        middle, half = (first + last) / 2, (last - first) / 2
+        to_vanishing = vanishing[..., :2] - vanishing[..., 2:] * middle
+        length = np.linalg.norm(half, axis=1)
+        reach = np.linalg.norm(to_vanishing, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # As angles, times the length as it was seen: a lens that shrinks the picture must not shrink errors.
+            slope = _cross(to_vanishing, half) / reach / length * self.half_px
+            away = reach / np.abs(np.broadcast_to(vanishing[..., 2], reach.shape)) / length
+            bow = _cross(half, self.places[:, 1] - middle) / length**2 * self.half_px
+        along = np.broadcast_to(directions @ camera.rotation.T, self.rays.shape)
+        seen = np.linalg.norm(np.cross(self.rays, along), axis=1)
+        seen = seen / (np.linalg.norm(self.rays, axis=1) * np.linalg.norm(along, axis=1))
+        return EdgeErrors(slope, bow, away, seen)
+
+
+def straighten(places: FloatArray, camera: Camera) -> StraightenedEdges:
+    """Edges without distortion.
+
+    Parameters
+    ----------
+    places, camera
+        As of `edge_errors`.
+
+    Examples
+    --------
+    >>> camera = Camera(np.array([[1000.0, 0.0, 320.0], [0.0, 1000.0, 240.0], [0.0, 0.0, 1.0]]), (640, 480))
+    >>> straighten(np.array([[[10.0, 5.0], [20.0, 5.0], [30.0, 5.0]]]), camera).half_px.tolist()
+    [10.0]
+    """
     normalized = camera.normalize(places)
-    straight = camera.pixels(normalized)
-    vanishing = directions @ (camera.K @ camera.rotation).T
-    middle, half = (straight[:, 0] + straight[:, 2]) / 2, (straight[:, 2] - straight[:, 0]) / 2
-    to_vanishing = vanishing[..., :2] - vanishing[..., 2:] * middle
-    length = np.linalg.norm(half, axis=1)
-    reach = np.linalg.norm(to_vanishing, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = _cross(to_vanishing, half) / reach
-        away = reach / np.abs(np.broadcast_to(vanishing[..., 2], reach.shape)) / length
-        bow = _cross(half, straight[:, 1] - middle) / length
     rays = np.concatenate([normalized[:, 1], np.ones((len(places), 1))], axis=1)
-    along = np.broadcast_to(directions @ camera.rotation.T, rays.shape)
-    seen = np.linalg.norm(np.cross(rays, along), axis=1)
-    seen = seen / (np.linalg.norm(rays, axis=1) * np.linalg.norm(along, axis=1))
-    return EdgeErrors(slope, bow, away, seen)
+    half = np.linalg.norm(places[:, 2] - places[:, 0], axis=1) / 2
+    return StraightenedEdges(half, camera.pixels(normalized), rays)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

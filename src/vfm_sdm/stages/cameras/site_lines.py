@@ -7,8 +7,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
-from vfm_sdm.geometry.camera import Rig
-from vfm_sdm.stages.cameras.edge_errors import edge_errors
+from vfm_sdm.geometry.camera import Camera, Rig
+from vfm_sdm.stages.cameras.edge_errors import EdgeErrors, StraightenedEdges, straighten
 from vfm_sdm.stages.cameras.edge_groups import AxisEdges
 from vfm_sdm.stages.cameras.whitening import ROBUST_STD, bend
 
@@ -47,6 +47,9 @@ class EdgeResiduals:
     ----------
     groups
         Edges of each view that run along axes of the structure.
+    rig, directions
+        Cameras, and directions of lateral, vertical and longitudinal edges in the frame of the rig, shape (3, 3) [1],
+        as they are known before.
 
     Attributes
     ----------
@@ -58,16 +61,20 @@ class EdgeResiduals:
     Notes
     -----
     A member out of line is so in all V views that see it: its slant has the variance ``V s^2`` in each, so that all
-    together count as one. The residual over its standard deviation passes through the pseudo-Huber loss.
+    together count as one. It shows the larger the more the member is seen end-on; standard deviations are those at
+    cameras that stay fixed, or the adjustment would prefer cameras to which everything looks uncertain, those with long
+    lenses. The residual over its standard deviation passes through the pseudo-Huber loss.
     """
 
-    def __init__(self, groups: Sequence[AxisEdges]) -> None:
+    def __init__(self, groups: Sequence[AxisEdges], rig: Rig, directions: FloatArray) -> None:
         self._groups = list(groups)
         self.noise = EdgeNoise()
         self._kept: list[BoolArray] = [np.ones(len(one.edges), dtype=np.bool_) for one in groups]
         # Of all edges, so that problems with other cameras, which other edges agree with, have as many.
         self.size = 2 * sum(one.total for one in groups)
         self._views_of = np.array([sum(bool((one.axis == axis).any()) for one in groups) for axis in range(3)])
+        self._straightened: list[tuple[Camera, StraightenedEdges] | None] = [None] * len(self._groups)
+        self._seen = [self._errors(number, rig, directions).foreshortening for number in range(len(self._groups))]
 
     @property
     def axes(self) -> list[int]:
@@ -89,20 +96,16 @@ class EdgeResiduals:
 
         Parameters
         ----------
-        rig
-            Cameras.
-        directions
-            Directions of lateral, vertical and longitudinal edges in the frame of the rig, shape (3, 3) [1].
+        rig, directions
+            Cameras and directions of edges.
         """
         parts = [np.empty(0)]
-        for group, kept in zip(self._groups, self._kept, strict=True):
-            slope, bow, _, seen = edge_errors(group.edges.places, rig.cameras[group.edges.view], directions[group.axis])
-            half = group.edges.length_px / 2
-            shared = self.noise.slant_rad * half * np.sqrt(self._views_of[group.axis]) / np.fmax(seen, _END_ON)
-            bent = self.noise.bow * 2 * half * np.sqrt(self._views_of[group.axis])
+        for number, (group, kept) in enumerate(zip(self._groups, self._kept, strict=True)):
+            found = self._errors(number, rig, directions)
+            slant_px, bow_px = self._member_stds(number)
             for errors, common, own in (
-                (slope, shared, group.edges.slope_std_px),
-                (bow, bent, group.edges.bow_std_px),
+                (found.slope_px, slant_px, group.edges.slope_std_px),
+                (found.bow_px, bow_px, group.edges.bow_std_px),
             ):
                 single = np.hypot(common, own)
                 factor = group.weight * single / np.hypot(common, own * group.weight)
@@ -130,40 +133,50 @@ class EdgeResiduals:
         .. [1] Paule, R. C., Mandel, J. (1982). Consensus values and weighting factors. Journal of Research of the
            National Bureau of Standards 87(5), 377-385.
         """
-        self._kept = [np.ones(len(one.edges), dtype=np.bool_) for one in self._groups]
+        found = [self._errors(number, rig, directions) for number in range(len(self._groups))]
+        self._seen = [one.foreshortening for one in found]
+        self._kept = [np.isfinite(one.slope_px) & np.isfinite(one.bow_px) for one in found]
+        fitted = 2 * len(self.axes) + len(rig)
         for _ in range(2):
             slants, bows = [np.empty((0, 3))], [np.empty((0, 3))]
-            for group, kept in zip(self._groups, self._kept, strict=True):
-                slope, bow, _, seen = edge_errors(
-                    group.edges.places, rig.cameras[group.edges.view], directions[group.axis]
-                )
+            for group, one, kept in zip(self._groups, found, self._kept, strict=True):
                 half, views = group.edges.length_px / 2, self._views_of[group.axis]
-                known = kept & np.isfinite(slope) & np.isfinite(bow)
-                for found, error, own, length in (
-                    (slants, slope * seen, group.edges.slope_std_px * seen, half),
-                    (bows, bow, group.edges.bow_std_px, 2 * half),
-                ):
-                    found.append(_cell_means(group, known, error / length, own / length, views))
-            fitted = 2 * len(self.axes) + len(rig)
+                angle = one.foreshortening / half
+                of_group = (group, kept, views)
+                slants.append(_cell_means(*of_group, one.slope_px * angle, group.edges.slope_std_px * angle))
+                bows.append(_cell_means(*of_group, one.bow_px / (2 * half), group.edges.bow_std_px / (2 * half)))
             self.noise = EdgeNoise(
                 _spread(np.concatenate(slants), fitted, _UNKNOWN_SLANT),
                 _spread(np.concatenate(bows), len(rig), _UNKNOWN_BOW),
             )
-            self._kept = [self._near(group, rig, directions) for group in self._groups]
+            self._kept = [self._near(number, one) for number, one in enumerate(found)]
 
-    def _near(self, group: AxisEdges, rig: Rig, directions: FloatArray) -> BoolArray:
-        """Whether each edge is within four standard deviations, shape (N,)."""
-        slope, bow, _, seen = edge_errors(group.edges.places, rig.cameras[group.edges.view], directions[group.axis])
-        length, views = group.edges.length_px, np.sqrt(self._views_of[group.axis])
-        slant = self.noise.slant_rad / np.fmax(seen, _END_ON)
-        slope_std = np.hypot(slant * length / 2 * views, group.edges.slope_std_px)
-        bow_std = np.hypot(self.noise.bow * length * views, group.edges.bow_std_px)
-        with np.errstate(invalid="ignore"):
-            return np.asarray((np.abs(slope) < _GROSS * slope_std) & (np.abs(bow) < _GROSS * bow_std))
+    def _errors(self, number: int, rig: Rig, directions: FloatArray) -> EdgeErrors:
+        """Errors of the edges of one view; derivatives by the directions ask again for the same camera."""
+        group = self._groups[number]
+        camera = rig.cameras[group.edges.view]
+        known = self._straightened[number]
+        if known is None or known[0] is not camera:
+            known = (camera, straighten(group.edges.places, camera))
+            self._straightened[number] = known
+        return known[1].errors(camera, directions[group.axis])
+
+    def _member_stds(self, number: int) -> tuple[FloatArray, FloatArray]:
+        """What members differ by at the ends and in the middle of each edge of one view, shape (N,) [px]."""
+        group = self._groups[number]
+        views, length = np.sqrt(self._views_of[group.axis]), group.edges.length_px
+        slant = self.noise.slant_rad / np.fmax(self._seen[number], _END_ON)
+        return slant * views * length / 2, self.noise.bow * views * length
+
+    def _near(self, number: int, found: EdgeErrors) -> BoolArray:
+        """Whether each edge of one view is within four standard deviations, shape (N,)."""
+        edges, (slant_px, bow_px) = self._groups[number].edges, self._member_stds(number)
+        near = np.abs(found.slope_px) < _GROSS * np.hypot(slant_px, edges.slope_std_px)
+        return np.asarray(near & (np.abs(found.bow_px) < _GROSS * np.hypot(bow_px, edges.bow_std_px)))
 
 
 def _cell_means(
-    group: AxisEdges, known: BoolArray, error: FloatArray, std: FloatArray, views: FloatArray
+    group: AxisEdges, known: BoolArray, views: FloatArray, error: FloatArray, std: FloatArray
 ) -> FloatArray:
     """Mean error, its own variance and the number of views, of each cell of a view, shape (cells, 3)."""
     rows = []

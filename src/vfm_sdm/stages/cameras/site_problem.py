@@ -25,6 +25,9 @@ from vfm_sdm.stages.matching.straight_edges import StraightEdges
 
 __all__ = ["SiteProblem"]
 
+_EDGE_STEP = 1e-6
+"""Of the derivative of edges: pixels without distortion are found to rounding errors of 1e-12 px [1]."""
+
 
 class SiteProblem:
     """Whitened parameters, each with a standard normal prior, and the residuals of everything that was measured.
@@ -90,7 +93,8 @@ class SiteProblem:
         self.size = self._rig_size + self._axes.size + self._points.size
         axes = self.structure_rotation(np.zeros(self.size)) if self.has_axes else None
         groups = group_edges(edges, rig, axes) if edges else []
-        self._edges = EdgeResiduals(groups)
+        start = np.zeros(self.size)
+        self._edges = EdgeResiduals(groups, self.rig(start), self._edge_directions(start) if groups else np.eye(3))
         self.notes: list[str] = []
         if site.lines is not None:
             self.notes.append(self._describe_edges())
@@ -185,7 +189,7 @@ class SiteProblem:
         if self._face.has_matches:
             parts.append(differentiate_centrally(self._compute_surface_residuals, z, moving))
         if self._edges.size:
-            parts.append(differentiate_centrally(self._compute_edge_residuals, z, moving))
+            parts.append(differentiate(self._compute_edge_residuals, z, moving, step=_EDGE_STEP))
         parts.append(differentiate(self._compute_site_residuals, z, self.size))
         return np.concatenate([np.pad(part, ((0, 0), (0, self.size - part.shape[1]))) for part in parts])
 

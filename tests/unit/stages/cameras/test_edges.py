@@ -65,7 +65,7 @@ def test_an_edge_that_leads_to_its_vanishing_point_has_no_error_whatever_the_len
 def test_edges_of_other_directions_are_left_out_however_many():
     rng = np.random.default_rng(0)
     own = draw_edges(rng, RIG, AXES, members=(0, 40, 40), foreign=0)
-    wires = draw_edges(rng, RIG, AXES + [0.05 * AXES[2], 0 * AXES[1], 0.06 * AXES[1]], members=(0, 0, 30), foreign=60)
+    wires = draw_edges(rng, RIG, AXES + np.outer([0.0, 0.0, 0.06], AXES[1]), members=(0, 0, 30), foreign=60)
     both = [_join(a, b) for a, b in zip(own, wires, strict=True)]
     known = RIG.perturbed(np.concatenate([[0.03, *[0] * 9], [0.03, 0, 0, 0, 0.01, -0.02, 0.01, 0, 0, 0]]))
     groups = group_edges(both, known, Rotation.from_rotvec([0.01, 0.01, -0.01]).as_matrix() @ AXES)
@@ -99,7 +99,7 @@ def test_edges_without_order_give_no_axes():
 
 def test_the_slant_of_members_is_found_from_what_is_left():
     edges = draw_edges(np.random.default_rng(3), RIG, AXES, members=(0, 80, 80), foreign=10, slant_deg=0.4)
-    residuals = EdgeResiduals(group_edges(edges, RIG, AXES))
+    residuals = EdgeResiduals(group_edges(edges, RIG, AXES), RIG, AXES)
     residuals.weigh(RIG, AXES)
     # Shared by both views it is stated as for one: between the true one and that over the square root of two.
     assert 0.2 < np.degrees(residuals.noise.slant_rad) < 0.5
