@@ -13,7 +13,7 @@ TURN = np.radians(50.0)
 TURNED = np.array([[np.cos(TURN), 0, np.sin(TURN)], [0, 1, 0], [-np.sin(TURN), 0, np.cos(TURN)]])
 
 
-def adjusted(seed, aspect=None, *, focal_std=0.05, std_px=0.2, square_deg=0.2):
+def adjusted(seed, aspect=None, *, focal_std=0.05, std_px=0.2, square_deg=0.2, length=None):
     """Relative error of both focal lengths, their standard deviations, and the adjustment."""
     rng = np.random.default_rng(seed)
     trial = site_trial(rng, focal_std=focal_std)
@@ -26,7 +26,9 @@ def adjusted(seed, aspect=None, *, focal_std=0.05, std_px=0.2, square_deg=0.2):
         out_of_square_std_deg=square_deg,
     )
     site = Site(
-        baseline={"value": trial.truth.baseline(), "std": 0.01}, rectangle=() if aspect is None else (rectangle,)
+        baseline={"value": trial.truth.baseline(), "std": 0.01},
+        rectangle=() if aspect is None else (rectangle,),
+        length=() if length is None else ({"points": ("a", "b"), "value": length, "std": 0.005},),
     )
     points = {name: SitePoint(pixels[:, index], std_px) for index, name in enumerate("abcd")}
     found = adjust_to_site(trial.prior, [trial.matches], site, points)
@@ -47,8 +49,7 @@ def test_a_taped_rectangle_narrows_the_focal_lengths_and_its_intervals_hold():
 
 
 def test_a_wrong_aspect_is_named():
-    _, _, found = adjusted(1, 2.2, focal_std=0.003)
-    assert found.suspects
+    _, _, found = adjusted(1, 2.2, focal_std=0.003, length=4.0)
     assert found.suspects[0].name == "rectangle 1: aspect"
     assert found.suspects[0].freed == pytest.approx(2.0, rel=0.02)
 
