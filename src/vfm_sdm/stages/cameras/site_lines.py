@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.stages.cameras.edge_errors import EdgeErrors, StraightenedEdges, straighten
 from vfm_sdm.stages.cameras.edge_groups import AxisEdges
@@ -20,7 +20,6 @@ tolerances of steel structures (EN 1090-2) are a five-hundredth and a thousandth
 _GROSS = 4.0
 _END_ON = 0.05
 """Sine of the least angle at which a member is seen: edges near their vanishing point are left out."""
-_NORMAL = 1.4826
 _LEAST_FREE = 4
 
 
@@ -193,7 +192,7 @@ def _spread(cells: FloatArray, fitted: int, unknown: float) -> float:
     free = len(cells) - fitted
     if free < _LEAST_FREE:
         return unknown
-    limit = ROBUST_STD * _NORMAL * float(np.median(np.abs(mean)))
+    limit = ROBUST_STD * MAD_TO_STD * float(np.median(np.abs(mean)))
     square = np.minimum(np.abs(mean), limit) ** 2
 
     def excess(variance: float) -> float:

@@ -6,7 +6,7 @@ adjustment is repeated once.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -73,21 +73,26 @@ def solve_cameras(
     hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches, estimate.halves), *estimate.others]
     given = named_points(session, views)
     edges = _find_edges(session, frames)
-    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given, edges)[0])
+    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given, edges).adjusted)
     finder = PointFinder(session, frames, matcher)
     matches = weighed.hypothesis.matches
     start = Hypothesis(_with_poses_of(weighed.hypothesis.rig, weighed.adjusted.rig), matches)
     points = finder.find(weighed.adjusted.rig, matches)
-    adjusted, unused = _adjust(session, start, points, edges)
-    if adjusted.frame is not None:
-        again = finder.find_on_face(points, adjusted.rig, adjusted.frame)
+    solved = _adjust(session, start, points, edges)
+    if solved.adjusted.frame is not None:
+        again = finder.find_on_face(points, solved.adjusted.rig, solved.adjusted.frame)
         if not again.identical(points):
             points = again
-            adjusted, unused = _adjust(session, start, points, edges)
-    stated, _ = _state(session, start, points, edges)
-    adjusted = explain_contradiction(stated, adjusted, {view.name: view.lens for view in session.view})
-    adjusted = weighed.widened(adjusted)
-    notes = [*estimate.notes, *adjusted.notes, *unused, *([] if known else [_NO_COVARIANCE]), *_list_missing(points)]
+            solved = _adjust(session, start, points, edges)
+    lenses = {view.name: view.lens for view in session.view}
+    adjusted = weighed.widened(explain_contradiction(solved.stated, solved.adjusted, lenses))
+    notes = [
+        *estimate.notes,
+        *adjusted.notes,
+        *solved.unused,
+        *([] if known else [_NO_COVARIANCE]),
+        *_list_missing(points),
+    ]
     return CameraSolution(
         adjusted.rig if known else replace(adjusted.rig, covariance=None),
         adjusted.frame,
@@ -125,21 +130,17 @@ def _with_poses_of(prior: Rig, adjusted: Rig) -> Rig:
     return replace(prior, cameras=tuple(cameras))
 
 
-def _adjust(
-    session: Session, one: Hypothesis, points: xr.Dataset, edges: tuple[StraightEdges, ...]
-) -> tuple[SiteAdjustment, list[str]]:
-    """The cameras adjusted to everything measured on site to points seen in two views, and what had to be left out."""
-    stated, unused = _state(session, one, points, edges)
-    adjusted = adjust_to_site(
-        stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings, edges=stated.edges
-    )
-    return adjusted, unused
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Everything stated of cameras and points, the cameras adjusted to it, and sentences on what was left out."""
+
+    stated: Statements
+    adjusted: SiteAdjustment
+    unused: list[str]
 
 
-def _state(
-    session: Session, one: Hypothesis, points: xr.Dataset, edges: tuple[StraightEdges, ...]
-) -> tuple[Statements, list[str]]:
-    """Everything that is stated of cameras and of points seen in two views, and what had to be left out."""
+def _adjust(session: Session, one: Hypothesis, points: xr.Dataset, edges: tuple[StraightEdges, ...]) -> _Solved:
+    """The cameras adjusted to everything measured on site to points seen in two views."""
     position, std = (points[name].transpose("point", "view", "pixel").values for name in ("position", "position_std"))
     moving = {p.name for p in session.point if not p.static}
     seen = {
@@ -148,15 +149,24 @@ def _state(
         if np.isfinite(pixels).all(axis=1).sum() >= 2
     }
     site, unused = _drop_unseen_lengths(session.site, seen)
-    for number, rectangle in enumerate(site.rectangle, start=1):
-        corners = rectangle.corners or {}
-        nowhere = np.full((len(rectangle.corner_names(number)), 2), np.nan)
-        pixels = np.stack([np.array(corners.get(view.name, nowhere)) for view in session.view])
-        if corners:
-            for name, places in zip(rectangle.corner_names(number), pixels.swapaxes(0, 1), strict=True):
-                seen[name] = SitePoint(places, rectangle.std_px)
+    seen |= _list_corners(site, [view.name for view in session.view])
     readings = {view.name: view for view in session.view[1:]}
-    return Statements(one.rig, one.matches, site, seen, readings, edges), unused
+    stated = Statements(one.rig, one.matches, site, seen, readings, edges)
+    adjusted = adjust_to_site(stated.rig, stated.matches, site, seen, readings=readings, edges=edges)
+    return _Solved(stated, adjusted, unused)
+
+
+def _list_corners(site: Site, views: list[str]) -> dict[str, SitePoint]:
+    """Corners of rectangles that were clicked in the pictures."""
+    found = {}
+    for number, rectangle in enumerate(site.rectangle, start=1):
+        if rectangle.corners is None:
+            continue
+        for corner, name in enumerate(rectangle.corner_names(number)):
+            nowhere = (float("nan"), float("nan"))
+            pixels = [rectangle.corners[view][corner] if view in rectangle.corners else nowhere for view in views]
+            found[name] = SitePoint(np.array(pixels), rectangle.std_px)
+    return found
 
 
 def _drop_unseen_lengths(site: Site, seen: Mapping[str, SitePoint]) -> tuple[Site, list[str]]:
@@ -166,7 +176,7 @@ def _drop_unseen_lengths(site: Site, seen: Mapping[str, SitePoint]) -> tuple[Sit
     rectangles = tuple(one for one in site.rectangle if set(one.points or ()) <= set(seen))
     lost = [f"range to {r.point!r}" for r in site.range if r not in ranges]
     lost += [f"length {one.points[0]!r} to {one.points[1]!r}" for one in site.length if one not in lengths]
-    lost += [f"rectangle {one.points}" for one in site.rectangle if one not in rectangles]
+    lost += [f"rectangle of {', '.join(one.points or ())}" for one in site.rectangle if one not in rectangles]
     notes = [f"{what} not used: its point was not found in a second view" for what in lost]
     return site.model_copy(update={"range": ranges, "length": lengths, "rectangle": rectangles}), notes
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray, as_float_array
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, IntArray, LumaArray, as_float_array
 
 __all__ = ["StraightEdges", "find_straight_edges"]
 
@@ -21,7 +21,7 @@ _LEAST_SLOPE = 0.3
 """Share of the chain's median slope of brightness that a point of it has at least."""
 _LEAST_KEPT = 0.6
 """Share of a chain's length along which the edge must be there."""
-_OUTLIER, _NORMAL = 3.0, 1.4826
+_OUTLIER = 3.0
 _LEAST_STD_PX = 0.02
 """Standard deviation of an edge point: that of the sampling itself."""
 _LEAST_POINTS = 3.0
@@ -199,7 +199,7 @@ def _fit_parabola(t: FloatArray, across: FloatArray) -> tuple[FloatArray, float,
             return None
         a = np.asarray(np.linalg.lstsq(basis[kept], across[kept], rcond=None)[0], dtype=np.float64)
         left = across - basis @ a
-        std = _NORMAL * float(np.median(np.abs(left[kept])))
+        std = MAD_TO_STD * float(np.median(np.abs(left[kept])))
         kept = np.abs(left) <= _OUTLIER * max(std, _LEAST_STD_PX)
     left = left[kept]
     std = float(np.sqrt(np.mean(left**2)))
