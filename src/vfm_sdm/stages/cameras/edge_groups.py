@@ -19,6 +19,8 @@ _TOLERANCE = np.radians(1.5)
 degree, and focal lengths that are off by a few per cent make views disagree by as much."""
 _APART = 2.0
 """Tolerances by which an edge has to be away from all other axes."""
+_STANDS_OUT = 3.0
+"""Standard deviations of a Poisson number by which edges along an axis are more than chance brings there."""
 _NARROWEST = np.radians(0.5)
 _PRIOR = np.radians(5.0)
 """Standard deviation of the direction in which most edges run, from the axis as it is known before [rad]."""
@@ -73,7 +75,8 @@ def group_edges(edges: Sequence[StraightEdges], rig: Rig, axes: FloatArray | Non
     Returns
     -------
     groups
-        One for each item of ``edges``; an axis with too few edges has none.
+        One for each item of ``edges``; an axis with too few edges has none, nor has one whose edges in that view are no
+        more than those beside it lead to expect.
 
     Notes
     -----
@@ -159,7 +162,14 @@ def _choose(one: StraightEdges, rig: Rig, directions: FloatArray) -> IntArray:
     rows = np.arange(len(one))
     slopes[rows, best] = np.inf
     clear = (angles[rows, best] < _TOLERANCE) & (slopes.min(axis=1) > _APART * _TOLERANCE)
-    return np.where(clear, best, -1)
+    chosen = np.where(clear, best, -1)
+    for axis in range(len(directions)):
+        # What runs beside the axis, and along no other: as many edges of any direction lie within the tolerance, too.
+        beside = (angles[:, axis] >= _TOLERANCE) & (angles[:, axis] < _NEAR) & (angles.min(axis=1) >= _TOLERANCE)
+        by_chance = float(beside.sum()) * _TOLERANCE / (_NEAR - _TOLERANCE)
+        if (chosen == axis).sum() <= by_chance + _STANDS_OUT * np.sqrt(by_chance):
+            chosen[chosen == axis] = -1
+    return chosen
 
 
 def _raw_angle(one: StraightEdges, rig: Rig, direction: FloatArray) -> FloatArray:
