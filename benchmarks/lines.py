@@ -31,6 +31,10 @@ from vfm_sdm.stages.cameras.solution import CameraSolution  # noqa: E402
 
 READINGS = ("distances", "level alone", "nothing")
 NORMAL_95 = 1.96
+FIGURES = (
+    "scale_inside_share", "scale_std_relative", "scale_rms_relative", "focal_inside_share", "focal_std_relative",
+    "axes_inside_share", "axes_std_deg", "ok_share",
+)  # fmt: skip
 FOREIGN, MEMBERS = 30, (0, 60, 60)
 
 
@@ -108,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     heads = ("scale_inside", "scale_std", "scale_rms", "focal_inside", "focal_std", "axes_inside", "axes_std_deg", "ok")
     print(f"{'readings':14s} {'edges':5s}" + "".join(f"  {head:>12s}" for head in heads))
-    summary: dict[str, object] = {"draws": options.draws, "processors": os.cpu_count()}
+    summary: dict[str, object] = {"pairs": options.draws, "processors": os.cpu_count()}
     cpu_s = []
     for readings in options.readings:
         for lines in (False, True):
@@ -123,8 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             cells = "".join(f"  {value:12.3f}" for value in row)
             print(f"{readings:14s} {'yes' if lines else 'no':5s}{cells}", flush=True)
             name = f"{readings}, {'with' if lines else 'without'} edges"
-            units = dict(zip(heads, ("share", "1", "1", "share", "1", "share", "", "share"), strict=True))
-            summary[name] = {f"{h}_{units[h]}".rstrip("_"): v for h, v in zip(heads, row, strict=True)}
+            summary[name] = dict(zip(FIGURES, row, strict=True))
     summary["cpu_mean_s"] = float(np.mean(cpu_s))
     print(json.dumps(summary))
 
