@@ -35,7 +35,7 @@ from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_
 from vfm_sdm.geometry.triangulation import triangulate  # noqa: E402
 from vfm_sdm.inputs.session import Lens, Method  # noqa: E402
 from vfm_sdm.stages.audit.lenses import find_unseen_lens_error  # noqa: E402
-from vfm_sdm.stages.cameras.site_problem import ALL_FOCALS  # noqa: E402
+from vfm_sdm.stages.cameras.site_cameras import ALL_FOCALS  # noqa: E402
 from vfm_sdm.stages.cameras.solution import CameraSolution  # noqa: E402
 from vfm_sdm.stages.cameras.solve import solve_cameras  # noqa: E402
 from vfm_sdm.stages.cameras.two_view import TwoViewCameras  # noqa: E402

@@ -7,7 +7,7 @@ from typing import Any
 
 __all__ = ["read_last_line", "without_unit"]
 
-_UNITS = re.compile(r"_(s|ms|mb|gb|px|m|mm|hz|tflops|point_frames_per_s|frames)$")
+_UNITS = re.compile(r"_(s|ms|mb|gb|px|m|mm|hz|deg|tflops|point_frames_per_s|frames)$")
 _OF_UNIT_ONE = re.compile(r"(^|_)(ratio|share|relative|ratio_to_[a-z_]+)(_|$)")
 _COUNTS = {"pairs", "frames", "points", "processors", "threads", "chunks", "operations"}
 

@@ -27,6 +27,7 @@ from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.straight_edges import StraightEdges
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
 __all__ = ["MOVING", "STATIC", "STILL_S", "VIEWS", "Conditions", "Simulated", "draw_conditions", "measured", "simulate"]
@@ -412,7 +413,14 @@ def points_dataset(pixels: dict[str, FloatArray]) -> xr.Dataset:
     return make_points(VIEWS, list(pixels), position=position, position_std=0 * position, status=status)
 
 
-def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: np.random.Generator) -> CameraSolution:
+def _solve(
+    c: Conditions,
+    session: Session,
+    rig: Rig,
+    clicked: FloatArray,
+    rng: np.random.Generator,
+    edges: tuple[StraightEdges, ...] = (),
+) -> CameraSolution:
     """Cameras adjusted to noisy matches and the site, from a start and priors like those of ``two-view``."""
     pixels = {point.name: clicked[:, index] for index, point in enumerate(session.point)}
     matches = _matches(c, rig, rng)
@@ -420,10 +428,10 @@ def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: 
     points = {name: SitePoint(u, on_face=name in MOVING) for name, u in pixels.items()}
     start = Hypothesis(prior, (matches,))
     readings = {view.name: view for view in session.view[1:]}
-    stated = Statements(prior, (matches,), session.site, points, readings)
+    stated = Statements(prior, (matches,), session.site, points, readings, edges)
 
     def adjust(one: Hypothesis) -> SiteAdjustment:
-        return adjust_to_site(one.rig, one.matches, session.site, points, readings=readings)
+        return adjust_to_site(one.rig, one.matches, session.site, points, readings=readings, edges=edges)
 
     # As the camera stage does: through narrow views the start may be the mirror image.
     adjusted = explain_contradiction(stated, weigh_hypotheses(session, [start], adjust).adjusted)

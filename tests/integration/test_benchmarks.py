@@ -15,6 +15,7 @@ SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
+    "lines": ["--draws", "1", "--readings", "level alone"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
     "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],

@@ -62,6 +62,9 @@ READERS = {
 }
 
 
+CORNERS = dict.fromkeys(("left", "right"), ((10.0, 10.0), (90.0, 10.0), (90.0, 50.0), (10.0, 50.0)))
+
+
 @pytest.fixture
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     """A session in which every table is there, and files of a few bytes; nothing is decoded or solved."""
@@ -90,6 +93,8 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
             "longitudinal_distance": {"value": 5.0, "std": 0.02},
             "range": [{"point": "mid", "value": 11.0, "std": 0.01}],
             "length": [{"points": ["mid", "end"], "value": 2.0, "std": 0.01}],
+            "rectangle": [{"corners": CORNERS, "aspect": {"value": 2.0, "std": 0.01}}],
+            "lines": {"out_of_square_std_deg": 1.0},
         },
         point=[
             {"name": "mid", "view": "left", "pixel": [100.0, 80.0], "pixel_in": {"right": [90.0, 80.0]}},

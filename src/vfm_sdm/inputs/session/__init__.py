@@ -7,7 +7,7 @@ from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
 from vfm_sdm.inputs.session.model import Chessboard, Point, Sensor, Session, View
 from vfm_sdm.inputs.session.recordings import FirstFrames, input_files, open_views, pixel_aspect, quiet_frames
-from vfm_sdm.inputs.session.site import Length, Level, Measured, Range, Readings, Site
+from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, Ratio, Readings, Rectangle, Site
 
 __all__ = [
     "Chessboard",
@@ -15,12 +15,15 @@ __all__ = [
     "Length",
     "Lens",
     "Level",
+    "Lines",
     "Measured",
     "Method",
     "Network",
     "Point",
     "Range",
+    "Ratio",
     "Readings",
+    "Rectangle",
     "Sensor",
     "Session",
     "Sfm",

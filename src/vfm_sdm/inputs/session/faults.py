@@ -139,6 +139,12 @@ def _site_faults(site: Any, views: list[Any], view_names: list[str], point_names
             faults += _unknown(label, end, "point", point_names)
         if len(ends) == 2 and ends[0] == ends[1]:
             faults.append(f"{label}: expected two different points, got {ends[0]!r} twice; name the other end")
+    for number, entry in enumerate(_entries(site, "rectangle"), start=1):
+        corners = _get(entry, "points")
+        for corner in corners if isinstance(corners, list | tuple) else []:
+            faults += _unknown(f"site.rectangle[{number}].points", corner, "point", point_names)
+        for view in _get(entry, "corners") or {}:
+            faults += _unknown(f"site.rectangle[{number}].corners", view, "view", view_names)
     if _get(site, "reference_camera_level") is not None and views and _get(views[0], "level") is not None:
         faults.append(
             "site.reference_camera_level: expected one level of the reference camera, got another in "

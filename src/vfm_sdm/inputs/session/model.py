@@ -27,7 +27,7 @@ from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
-from vfm_sdm.inputs.session.site import Entry, Name, Number, Positive, Readings, Site
+from vfm_sdm.inputs.session.site import Entry, Name, Number, Pixel, Positive, Readings, Site
 
 __all__ = ["Chessboard", "Point", "Sensor", "Session", "View"]
 
@@ -37,8 +37,6 @@ _Count = Annotated[int, Strict(), Field(ge=3)]
 _PLAIN, _NO_DOT = r"[^/\\\x00-\x1f\x7f]", r"[^/\\.\x00-\x1f\x7f]"
 _ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*$")]
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
-_Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
-_Pixel = tuple[_Coordinate, _Coordinate]
 
 
 def _instant(value: object) -> object:
@@ -94,10 +92,10 @@ class Point(Entry):
 
     name: Name
     view: Name
-    pixel: _Pixel
+    pixel: Pixel
     static: bool = False
     """Whether it must not move (on the abutment or in the background); used for checks and camera motion."""
-    pixel_in: dict[str, _Pixel] = Field(default_factory=dict)
+    pixel_in: dict[str, Pixel] = Field(default_factory=dict)
     """Positions in other views, by view name, where the search must not decide [px]."""
 
 

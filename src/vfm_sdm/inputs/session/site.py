@@ -8,12 +8,16 @@ __all__ = [
     "Entry",
     "Length",
     "Level",
+    "Lines",
     "Measured",
     "Name",
     "Number",
+    "Pixel",
     "Positive",
     "Range",
+    "Ratio",
     "Readings",
+    "Rectangle",
     "Site",
     "not_below",
 ]
@@ -45,6 +49,9 @@ _Metres = Annotated[float, Strict(), Field(ge=0, le=1e5)]
 _PositiveMetres = Annotated[float, Strict(), Field(gt=0, le=1e5), not_below(1e-7)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
 _Degrees = Annotated[float, Strict(), Field(ge=-180, le=180)]
+_PositiveDegrees = Annotated[float, Strict(), Field(gt=0, le=180), not_below(1e-6)]
+_Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre
+Pixel = tuple[_Coordinate, _Coordinate]
 
 
 class Entry(BaseModel):
@@ -121,6 +128,58 @@ class Length(Entry):
     std: _PositiveMetres
 
 
+class Lines(Entry):
+    """How well the structure's straight edges keep its axes; their table says that edges are used."""
+
+    out_of_square_std_deg: _PositiveDegrees = 1.0
+    """Standard deviation of the angles between vertical, longitudinal and lateral edges from the right one."""
+    out_of_plumb_std_deg: _PositiveDegrees = 1.0
+    """Standard deviation of the structure's own level from the horizon, about each horizontal axis."""
+
+
+class Ratio(Entry):
+    """A ratio of two lengths with its standard deviation [1]."""
+
+    value: Positive
+    std: Positive
+
+
+class Rectangle(Entry):
+    """Four corners that are a rectangle, from the top left one clockwise: ``points``, or ``corners`` in two views."""
+
+    points: tuple[Name, Name, Name, Name] | None = None
+    """Names of points."""
+    corners: dict[Name, tuple[Pixel, Pixel, Pixel, Pixel]] | None = None
+    """Their pixels in the first frames, by view."""
+    std_px: Positive = 1.5
+    """Standard deviation of these pixels."""
+    aspect: Ratio | None = None
+    """Width over height."""
+    out_of_square_std_deg: _PositiveDegrees = 1.0
+    """Standard deviation of its angles from the right one."""
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        if (self.points is None) == (self.corners is None):
+            found = "neither" if self.points is None else "both"
+            raise ValueError(f"expected either points or corners, got {found}; give exactly one of them")
+        if self.points is not None and len(set(self.points)) < len(self.points):
+            raise ValueError(f"points: expected four different ones, got {list(self.points)}; name each corner once")
+        if self.corners is not None and len(self.corners) < 2:
+            raise ValueError(f"corners: expected two views, got {list(self.corners)}; add them in another one")
+        return self
+
+    def corner_names(self, number: int) -> tuple[str, ...]:
+        """Names of its four corners.
+
+        Parameters
+        ----------
+        number
+            Its place among the rectangles, from 1.
+        """
+        return self.points or tuple(f"rectangle {number}, corner {corner}" for corner in range(1, 5))
+
+
 class Site(Entry):
     """Lengths that a tape measure, a laser or the drawings gave, and level readings."""
 
@@ -137,6 +196,9 @@ class Site(Entry):
     reference_camera_level: Level | None = None
     range: tuple[Range, ...] = ()
     length: tuple[Length, ...] = ()
+    rectangle: tuple[Rectangle, ...] = ()
+    lines: Lines | None = None
+    """Straight edges of the structure as observations; they are not used when left out."""
 
     @model_validator(mode="after")
     def _both_distances(self) -> Self:

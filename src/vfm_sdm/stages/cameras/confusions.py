@@ -10,6 +10,7 @@ from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
 from vfm_sdm.inputs.session import Level, Measured, Readings, Site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.straight_edges import StraightEdges
 
 __all__ = ["FREE_STD", "Confusion", "Statements", "list_confusions", "with_poses"]
 
@@ -33,6 +34,7 @@ class Statements:
     site: Site
     points: Mapping[str, SitePoint]
     readings: Mapping[str, Readings]
+    edges: tuple[StraightEdges, ...] = ()
 
     @property
     def free_poses(self) -> bool:
@@ -105,7 +107,8 @@ def _confuse_views(stated: Statements) -> Iterator[Confusion]:
     }
     back = second.rotation.T
     moved = replace(second, cam_from_world=np.column_stack([back, -back @ second.translation]))
-    read = replace(stated, rig=replace(rig, cameras=(first, moved)), matches=matches, points=points)
+    edges = tuple(replace(one, view=1 - one.view) for one in stated.edges)
+    read = replace(stated, rig=replace(rig, cameras=(first, moved)), matches=matches, points=points, edges=edges)
     advice = (
         f"expected the recording of either camera under its name, got {pair} the other way round, do: exchange them"
     )

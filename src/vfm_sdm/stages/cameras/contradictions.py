@@ -122,7 +122,9 @@ def explain_contradiction(
     if adjusted.status == CameraStatus.NOT_CONVERGED or not explained:
         # Either the pose is a minimum that fits nothing, or what contradicts there agrees from another pose.
         rig = with_poses(stated.rig, base.problem.rig(base.solution.x))
-        again = adjust_to_site(rig, stated.matches, stated.site, stated.points, readings=stated.readings)
+        again = adjust_to_site(
+            rig, stated.matches, stated.site, stated.points, readings=stated.readings, edges=stated.edges
+        )
         if again.status != CameraStatus.NOT_CONVERGED and (explained or not again.suspects):
             adjusted = again
     if not explained:
@@ -166,7 +168,7 @@ def _suspect(one: _Solved, base: _Solved, lenses: Mapping[str, Lens | None]) -> 
     error = float(np.linalg.lstsq(claim.rows, residuals, rcond=None)[0][0])
     checked = list_suspects([claim], residuals, one.problem.jacobian(one.solution.x))
     std = checked[0].freed_std if checked else unknown
-    found = Suspect(claim.name, claim.units, claim.stated, claim.freed(error), std, drop, rank)
+    found = Suspect(claim.name, claim.units, claim.stated, claim.freed(error), std, drop, rank, claim.advice)
     said = lenses.get(claim.name.removeprefix("focal "), next(iter(lenses.values()), None))
     return replace(found, advice=advise_on_lens(found, said)) if claim.name.startswith("focal") else found
 
@@ -221,7 +223,9 @@ def _without_claim(read: Statements, claim: Claim, base: _Solved) -> _Alternativ
 
 
 def _problem(stated: Statements) -> SiteProblem:
-    return SiteProblem(stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings)
+    return SiteProblem(
+        stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings, edges=stated.edges
+    )
 
 
 def _count(problem: SiteProblem) -> int:

@@ -62,6 +62,8 @@ class Claim:
         Change of all R residuals with an error of one standard deviation of it, shape (R, K) for K values [1].
     logarithmic
         Whether the standard deviation is relative.
+    advice
+        What to say where it is wrong.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Claim:
     std: float
     rows: FloatArray
     logarithmic: bool = False
+    advice: str = ""
 
     def freed(self, error: float) -> float:
         """Value that the others give, from the error of the claim in its standard deviations [units]."""
@@ -166,7 +169,7 @@ def list_suspects(claims: Iterable[Claim], residuals: FloatArray, jacobian: Floa
         freed = claim.freed(float((inverse @ against)[0])) if single else float("nan")
         unit = claim.std * (abs(freed) if claim.logarithmic else 1.0)
         std = unit * float(np.sqrt(inverse[0, 0])) if single else float("nan")
-        found.append(Suspect(claim.name, claim.units, claim.stated, freed, std, float(drop), rank))
+        found.append(Suspect(claim.name, claim.units, claim.stated, freed, std, float(drop), rank, claim.advice))
     return sorted(found, key=lambda one: (-one.drop, -one.rank))
 
 

@@ -20,10 +20,12 @@ from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.culprits import AS_PROBABLE, CULPRIT_STD, Suspect, list_suspects
+from vfm_sdm.stages.cameras.site_cameras import DISTANCE
 from vfm_sdm.stages.cameras.site_minimum import minimize_from_starts
-from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
+from vfm_sdm.stages.cameras.site_problem import SiteProblem
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.straight_edges import StraightEdges
 
 __all__ = ["SiteAdjustment", "SiteQuantity", "adjust_to_site", "compare_rigs"]
 
@@ -109,7 +111,7 @@ class SiteAdjustment:
     rig
         Adjusted cameras, metric when a length was measured, with the covariance of its parameters.
     frame
-        Axes of the structure; ``None`` when the two distances were not measured.
+        Axes of the structure; ``None`` when neither the two distances nor edges tell them.
     covariance
         Joint covariance of the rig's parameters, in the order and units of
         `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, and of a small rotation vector of the axes [rad], shape
@@ -146,6 +148,7 @@ def adjust_to_site(
     points: Mapping[str, SitePoint] | None = None,
     *,
     readings: Mapping[str, Readings] | None = None,
+    edges: Sequence[StraightEdges] = (),
 ) -> SiteAdjustment:
     """Cameras and structural axes that agree best with lens priors, matches and everything measured on site.
 
@@ -162,6 +165,8 @@ def adjust_to_site(
         Named points in every view; ranges and lengths refer to them.
     readings
         What was read at cameras other than the reference camera, by view.
+    edges
+        Straight edges of each view; used where ``site.lines`` says so.
 
     Returns
     -------
@@ -181,7 +186,7 @@ def adjust_to_site(
     parameters of the rig by central differences. Errors of matches are correlated over the image, so that thousands of
     them carry the weight of a few dozen: see `vfm_sdm.stages.cameras.site_problem.SiteProblem`.
     """
-    problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
+    problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {}, edges=edges)
     solution = minimize_from_starts(problem)
     # Every parameter has a prior of unit weight, so the normal matrix is never singular.
     jacobian = np.asarray(solution.jac)

@@ -8,7 +8,7 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import structure_from_cam1
-from vfm_sdm.inputs.session import Level, Readings, Site
+from vfm_sdm.inputs.session import Level, Readings, Rectangle, Site
 
 __all__ = ["POINTED_STD_PX", "AdjustedValue", "SitePoint", "SiteState", "list_measured"]
 
@@ -92,7 +92,7 @@ class SiteState:
 
 
 def list_measured(state: SiteState, site: Site, readings: Mapping[str, Readings]) -> list[AdjustedValue]:
-    """Baseline, ranges, lengths and what was read at further cameras, beside the values at the parameters.
+    """Baseline, ranges, lengths, rectangles and what was read at further cameras, beside the values at the parameters.
 
     Parameters
     ----------
@@ -129,6 +129,9 @@ def list_measured(state: SiteState, site: Site, readings: Mapping[str, Readings]
         first, second = (points[name] for name in s.points)
         name = f"length {s.points[0]} to {s.points[1]}"
         values.append(_in_metres(name, s.value, s.std, float(np.linalg.norm(first - second))))
+    for number, rectangle in enumerate(site.rectangle, start=1):
+        corners = np.array([points[name] for name in rectangle.corner_names(number)])
+        values += _list_rectangle(f"rectangle {number}", rectangle, corners)
     for view, read in readings.items():
         if read.level is not None:
             values += _list_level(view, read.level, state)
@@ -138,6 +141,31 @@ def list_measured(state: SiteState, site: Site, readings: Mapping[str, Readings]
 
 def _in_metres(name: str, measured: float, std: float, value: float) -> AdjustedValue:
     return AdjustedValue(name, "m", measured, std, value, True)
+
+
+def _list_rectangle(name: str, rectangle: Rectangle, corners: FloatArray) -> Iterator[AdjustedValue]:
+    """Aspect of a rectangle, and the four ways in which corners (4, 3) depart from one.
+
+    With the sides as vectors ``w1, w2`` along the width and ``h1, h2`` along the height, these are the angle between
+    the mean sides less the right one, half the angles by which opposite sides part, and by how much they are twisted.
+    """
+    top, bottom = corners[1] - corners[0], corners[2] - corners[3]
+    left, right = corners[3] - corners[0], corners[2] - corners[1]
+    wide, high = (top + bottom) / 2, (left + right) / 2
+    width, height = float(np.linalg.norm(wide)), float(np.linalg.norm(high))
+    if rectangle.aspect is not None:
+        yield AdjustedValue(f"{name}: aspect", "1", rectangle.aspect.value, rectangle.aspect.std, width / height, True)
+    # Sides part by what is longer at one end: both differences are the same vector.
+    apart = (bottom - top) / 2
+    normal = np.cross(wide, high)
+    errors = {
+        "right angle": float(wide @ high) / (width * height),
+        "taper of its height": float(apart @ wide) / (width * height),
+        "taper of its width": float(apart @ high) / (width * height),
+        "flatness": float(apart @ normal) / (width * height) ** 1.5,
+    }
+    for what, error in errors.items():
+        yield AdjustedValue(f"{name}: {what}", "deg", 0.0, rectangle.out_of_square_std_deg, np.degrees(error), True)
 
 
 def _list_level(view: str, level: Level, state: SiteState) -> Iterator[AdjustedValue]:

@@ -24,6 +24,7 @@ from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.base import PointMatcher
 from vfm_sdm.stages.matching.locate import PointFinder
 from vfm_sdm.stages.matching.points import check_inside, named_points
+from vfm_sdm.stages.matching.straight_edges import StraightEdges, find_straight_edges
 
 __all__ = ["solve_cameras"]
 
@@ -71,17 +72,18 @@ def solve_cameras(
     known = estimate.rig.covariance is not None
     hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches, estimate.halves), *estimate.others]
     given = named_points(session, views)
-    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given).adjusted)
+    edges = _find_edges(session, frames)
+    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given, edges).adjusted)
     finder = PointFinder(session, frames, matcher)
     matches = weighed.hypothesis.matches
     start = Hypothesis(_with_poses_of(weighed.hypothesis.rig, weighed.adjusted.rig), matches)
     points = finder.find(weighed.adjusted.rig, matches)
-    solved = _adjust(session, start, points)
+    solved = _adjust(session, start, points, edges)
     if solved.adjusted.frame is not None:
         again = finder.find_on_face(points, solved.adjusted.rig, solved.adjusted.frame)
         if not again.identical(points):
             points = again
-            solved = _adjust(session, start, points)
+            solved = _adjust(session, start, points, edges)
     lenses = {view.name: view.lens for view in session.view}
     adjusted = weighed.widened(explain_contradiction(solved.stated, solved.adjusted, lenses))
     notes = [
@@ -102,6 +104,13 @@ def solve_cameras(
         epipolar_rms_px=adjusted.epipolar_rms_px,
         suspects=adjusted.suspects,
     )
+
+
+def _find_edges(session: Session, frames: FirstFrames) -> tuple[StraightEdges, ...]:
+    """Straight edges of every first frame, where the session says that they keep the structure's axes."""
+    if session.site.lines is None:
+        return ()
+    return tuple(find_straight_edges(luma, view) for view, luma in enumerate(frames.values()))
 
 
 def _with_prior(rig: Rig) -> Rig:
@@ -130,7 +139,7 @@ class _Solved:
     unused: list[str]
 
 
-def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> _Solved:
+def _adjust(session: Session, one: Hypothesis, points: xr.Dataset, edges: tuple[StraightEdges, ...]) -> _Solved:
     """The cameras adjusted to everything measured on site to points seen in two views."""
     position, std = (points[name].transpose("point", "view", "pixel").values for name in ("position", "position_std"))
     moving = {p.name for p in session.point if not p.static}
@@ -140,19 +149,36 @@ def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> _Solved:
         if np.isfinite(pixels).all(axis=1).sum() >= 2
     }
     site, unused = _drop_unseen_lengths(session.site, seen)
-    stated = Statements(one.rig, one.matches, site, seen, {view.name: view for view in session.view[1:]})
-    adjusted = adjust_to_site(stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings)
+    seen |= _list_corners(site, [view.name for view in session.view])
+    readings = {view.name: view for view in session.view[1:]}
+    stated = Statements(one.rig, one.matches, site, seen, readings, edges)
+    adjusted = adjust_to_site(stated.rig, stated.matches, site, seen, readings=readings, edges=edges)
     return _Solved(stated, adjusted, unused)
+
+
+def _list_corners(site: Site, views: list[str]) -> dict[str, SitePoint]:
+    """Corners of rectangles that were clicked in the pictures."""
+    found = {}
+    for number, rectangle in enumerate(site.rectangle, start=1):
+        if rectangle.corners is None:
+            continue
+        for corner, name in enumerate(rectangle.corner_names(number)):
+            nowhere = (float("nan"), float("nan"))
+            pixels = [rectangle.corners[view][corner] if view in rectangle.corners else nowhere for view in views]
+            found[name] = SitePoint(np.array(pixels), rectangle.std_px)
+    return found
 
 
 def _drop_unseen_lengths(site: Site, seen: Mapping[str, SitePoint]) -> tuple[Site, list[str]]:
     """Site without lengths to points that are not seen in two views, and sentences about those lengths."""
     ranges = tuple(r for r in site.range if r.point in seen)
     lengths = tuple(one for one in site.length if set(one.points) <= set(seen))
+    rectangles = tuple(one for one in site.rectangle if set(one.points or ()) <= set(seen))
     lost = [f"range to {r.point!r}" for r in site.range if r not in ranges]
     lost += [f"length {one.points[0]!r} to {one.points[1]!r}" for one in site.length if one not in lengths]
+    lost += [f"rectangle of {', '.join(one.points or ())}" for one in site.rectangle if one not in rectangles]
     notes = [f"{what} not used: its point was not found in a second view" for what in lost]
-    return site.model_copy(update={"range": ranges, "length": lengths}), notes
+    return site.model_copy(update={"range": ranges, "length": lengths, "rectangle": rectangles}), notes
 
 
 def _list_missing(points: xr.Dataset) -> list[str]:

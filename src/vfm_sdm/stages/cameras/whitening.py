@@ -97,7 +97,9 @@ def bend(scaled: FloatArray) -> FloatArray:
     return np.asarray(known * np.sqrt(2 / (np.sqrt(1 + known**2 / ROBUST_STD**2) + 1)))
 
 
-def differentiate(function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int) -> FloatArray:
+def differentiate(
+    function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int, *, step: float = 1e-8
+) -> FloatArray:
     """Derivative with respect to the first ``count`` parameters by forward differences, shape (residuals, count).
 
     The step is small because priors of the pose are wide: with a step of a millionth of them the curvature of the
@@ -111,8 +113,9 @@ def differentiate(function: Callable[[FloatArray], FloatArray], z: FloatArray, c
         Parameters, shape (M,) [1].
     count
         Number of parameters that move the residuals.
+    step
+        Change of each parameter [1].
     """
-    step = 1e-8
     base = function(z)
     columns = [np.empty((base.size, 0))]
     for index in range(count):

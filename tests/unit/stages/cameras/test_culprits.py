@@ -11,7 +11,7 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity
 from vfm_sdm.stages.audit.lenses import find_unseen_lens_error
 from vfm_sdm.stages.cameras.culprits import Suspect, name_confusions
-from vfm_sdm.stages.cameras.site_problem import ALL_FOCALS
+from vfm_sdm.stages.cameras.site_cameras import ALL_FOCALS
 
 CHECKED = {"focal_std": 0.02, "focal_errors": (0.004, -0.006), "distortion_std": 0.0, "distortion_errors": (0.0, 0.0)}
 CHECKED |= {"length_std": 0.003, "length_error": 0.0, "range_std": 0.01, "range_error": 0.0, "baseline_std": 0.005}
