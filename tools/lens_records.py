@@ -15,7 +15,6 @@ from vfm_sdm.inputs.profiles.table import ProfileTable
 from vfm_sdm.inputs.profiles.words import aspect_of, class_of, plain, plain_model, read_setting
 
 __all__ = [
-    "CROP",
     "GROUP",
     "NORMAL_95",
     "Held",
@@ -29,8 +28,6 @@ __all__ = [
 GROUP = ("kind", "brand", "model", "mode", "film", "aspect", "stabilised")
 LEAST_CALIBRATORS = 3
 NORMAL_95 = 1.96
-CROP = 0.913
-"""Crop of stabilisation in the camera that the calibrations show."""
 _DESCRIBED = 1e-3
 """Root mean square over the picture, over its longer side, up to which radial coefficients describe a lens."""
 _ONE_FOCAL, _WORST_RMS_PX, _REACH = 0.03, 5.0, 0.9

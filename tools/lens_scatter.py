@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from lens_records import CROP, NORMAL_95, Held, Record, leave_out
+from lens_records import NORMAL_95, Held, Record, leave_out
 from scipy.optimize import minimize
 
+from vfm_sdm.inputs.profiles import CROP
 from vfm_sdm.inputs.profiles.hierarchy import LensKey, chain_of, collect_moments, shrink
 from vfm_sdm.inputs.profiles.table import Scatter
 from vfm_sdm.inputs.profiles.words import CameraClass
@@ -26,7 +27,7 @@ __all__ = ["fit_all", "variants"]
 _SHARE = 0.95
 _LEAST = 15
 """Left-out values that a fit needs."""
-_PRIOR_STD, _PRIOR_WEIGHT = 0.1, 2e-3
+_PRIOR_STD, _PRIOR_WEIGHT = 0.1, 2e-2
 """Standard deviation towards which those of levels are drawn where the values hardly tell them, and how strongly."""
 _KNOWN_STEP = float(-np.log(CROP))
 
@@ -80,15 +81,17 @@ def fit_all(records: Sequence[Record], calibrators: frozenset[str] | None = None
     return found
 
 
-def _cases(held: Sequence[Held], chain: str, *, known: bool) -> Cases | None:
+def _cases(held: Sequence[Held], chain: str, *, known: bool, seen: bool = True) -> Cases | None:
+    """What is expected along a chain; where not ``seen``, as if the table did not have the model."""
     found = []
     for one in held:
         for key in variants(one.record).get(chain, []):
+            asked = key if seen else replace(key, model="")
             if (key.setting.stabilised is not None) == known:
                 film_mm = np.where(one.others.film_mm > 0, one.others.film_mm, 1.0)
                 values = one.others.log_focal - (np.log(film_mm) if chain == "film" else 0.0)
                 moments = collect_moments(
-                    one.others, key, values=values, squares=one.others.log_focal_squares, chain=chain
+                    one.others, asked, values=values, squares=one.others.log_focal_squares, chain=chain
                 )
                 value = one.log_focal - (np.log(key.setting.film_mm) if chain == "film" else 0.0)
                 found.append((moments, value))
@@ -100,7 +103,7 @@ def _cases(held: Sequence[Held], chain: str, *, known: bool) -> Cases | None:
         np.array([m.mean for m, _ in found]),
         np.array([m.squares for m, _ in found]),
         np.array([value for _, value in found]),
-        () if known else ("stabilised",),
+        (() if known else ("stabilised",)) + (() if seen else ("model",)),
     )
 
 
@@ -140,20 +143,14 @@ def _fit(held: Sequence[Held], chain: str) -> dict[str, Any] | None:
     # Not knowing the state must never make an interval shorter.
     widen["unknown"] = max(widen["unknown"], widen.get("known", 0.0))
     widen.setdefault("known", widen["unknown"])
-    widen["unseen"] = max(_factor(_unseen(both[-1]), scatter), 1.0)
+    unseen = _cases(held, chain, known=False, seen=False)
+    widen["unseen"] = widen["unknown"] if unseen is None else _factor(unseen, scatter)
     return _as_row(scatter, widen)
-
-
-def _unseen(cases: Cases) -> Cases:
-    """The same as if the table did not have the model."""
-    seen = cases.levels[: cases.levels.index("model")]
-    count = cases.count * [name in seen for name in cases.levels]
-    return replace(cases, count=count, squares=np.zeros_like(cases.squares))
 
 
 def _factor(cases: Cases, scatter: Scatter) -> float:
     error, std = _apart(cases, scatter)
-    return float(np.quantile(error / std, _SHARE)) / NORMAL_95
+    return float(np.quantile(error / std, _SHARE, method="higher")) / NORMAL_95
 
 
 def _as_row(scatter: Scatter, widen: dict[str, float]) -> dict[str, Any]:
@@ -161,7 +158,12 @@ def _as_row(scatter: Scatter, widen: dict[str, float]) -> dict[str, Any]:
         return {name: float(f"{value:.4g}") for name, value in values.items()}
 
     own = {"own": scatter.own, "freedom": min(scatter.freedom, 1e6)}
-    return {"levels": short(dict(scatter.levels)), **short(own), "widen": short(widen)}
+    # The value at the edge of its interval must not leave it by the rounding.
+    return {
+        "levels": short(dict(scatter.levels)),
+        **short(own),
+        "widen": short({k: 1.001 * v for k, v in widen.items()}),
+    }
 
 
 def _of_class(records: Sequence[Record]) -> dict[str, Any]:
@@ -194,4 +196,4 @@ def _of_corner(held: Sequence[Held], records: Sequence[Record], kind: CameraClas
         steps = np.full(len(moments.levels) - 1, own)
         mean, std = shrink(moments.count, moments.mean, np.asarray(moments.squares), steps=steps, scatter=scatter)
         ratios.append(abs(value - float(mean)) / float(std))
-    return _as_row(scatter, {"known": float(np.quantile(ratios, _SHARE)) / NORMAL_95})
+    return _as_row(scatter, {"known": float(np.quantile(ratios, _SHARE, method="higher")) / NORMAL_95})

@@ -6,10 +6,11 @@ CC0, see ``LICENSE-profiles``).
 
 from vfm_sdm.inputs.profiles.find import find_camera, find_tagged
 from vfm_sdm.inputs.profiles.hierarchy import Expected, LensKey
-from vfm_sdm.inputs.profiles.lookup import LensProfile, expect_any, expect_lens
+from vfm_sdm.inputs.profiles.lookup import CROP, LensProfile, expect_any, expect_lens, list_modes
 from vfm_sdm.inputs.profiles.words import CameraClass, Setting, aspect_of, read_setting
 
 __all__ = [
+    "CROP",
     "CameraClass",
     "Expected",
     "LensKey",
@@ -20,5 +21,6 @@ __all__ = [
     "expect_lens",
     "find_camera",
     "find_tagged",
+    "list_modes",
     "read_setting",
 ]

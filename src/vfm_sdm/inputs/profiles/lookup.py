@@ -12,8 +12,10 @@ from vfm_sdm.inputs.profiles.hierarchy import Expected, LensKey, chain_of, colle
 from vfm_sdm.inputs.profiles.table import ProfileTable, Scatter, read_scatter, read_table
 from vfm_sdm.inputs.profiles.words import CameraClass
 
-__all__ = ["LensProfile", "expect_any", "expect_focal", "expect_lens", "scatter_of"]
+__all__ = ["CROP", "LensProfile", "expect_any", "expect_focal", "expect_lens", "list_modes", "scatter_of"]
 
+CROP = 0.913
+"""Share of the picture's sides that stabilisation in the camera leaves, as official and other calibrations show it."""
 _BENT = ("superview", "hyperview")
 """Modes that stretch the picture more at its sides than in its middle, which no radial distortion does."""
 _MAJORITY = 0.5
@@ -62,7 +64,7 @@ class LensProfile:
 
 
 def scatter_of(scatter: Mapping[str, Mapping[str, Scatter]], kind: CameraClass, chain: str) -> Scatter:
-    """Scatter of a kind of camera along a chain; that of action cameras where too few calibrations of it are there.
+    """Scatter of a kind of camera along a chain; that of another kind where too few calibrations of it are there.
 
     Parameters
     ----------
@@ -71,8 +73,8 @@ def scatter_of(scatter: Mapping[str, Mapping[str, Scatter]], kind: CameraClass, 
     kind, chain
         What is asked for.
     """
-    own = scatter[str(kind)]
-    return own[chain] if chain in own else scatter[str(CameraClass.ACTION)][chain]
+    kinds = (kind, CameraClass.ACTION, CameraClass.CAMERA)
+    return next(scatter[str(one)][chain] for one in kinds if chain in scatter[str(one)])
 
 
 def expect_focal(key: LensKey, table: ProfileTable, scatter: Scatter) -> Expected:
@@ -215,3 +217,22 @@ def _quantile_95(values: FloatArray, weights: FloatArray, rows: _Rows) -> float:
     order = np.argsort(values[rows])
     share = np.cumsum(weights[rows][order])
     return float(values[rows][order][np.searchsorted(share, 0.95 * share[-1])]) if len(order) and share[-1] else 0.0
+
+
+def list_modes(key: LensKey) -> list[str]:
+    """Words for the field of view that calibrators used of a model and picture format, sorted.
+
+    Parameters
+    ----------
+    key
+        The camera; its own mode does not count.
+
+    Examples
+    --------
+    >>> from vfm_sdm.inputs.profiles.words import Setting
+    >>> list_modes(LensKey(CameraClass.ACTION, "gopro", "hero7black", Setting(aspect="16:9")))
+    ['linear', 'superview', 'wide']
+    """
+    table = read_table()
+    rows = table.same({"brand": key.brand, "model": key.model, "aspect": key.setting.aspect}) & (table.order > 0)
+    return sorted({str(mode) for mode in table.mode[rows]} - {""})

@@ -61,7 +61,7 @@ _MODES = (
     ("linear", r"linear|lineal|dewarp(?:ed)?(?:[ _]on)?(?![ _]*off)\b|\bldc on\b|distortion correction on"),
     ("narrow", r"narrow|schmal"),
     ("medium", r"\bmed(?:ium)?\b"),
-    ("ultra wide", r"ultra[ -]?wide|\buwide\b|\b0?[.,][5-6] ?x?\b|\bx ?0[.,][5-6]\b|\buw\b"),
+    ("ultra wide", r"ultra[ -]?wide|\buwide\b|(?<![\d./])0?[.,][56]\b|\buw\b"),
     ("wide", r"\bwide|gran ?angular|weitwinkel"),
     ("tele", r"\btele|\b(?:2|3|5|10)(?:\.0)? ?x\b|\bx ?(?:2|3|5|10)\b"),
     ("main", r"\bmain\b|\b1(?:[.,]0)? ?x\b|\bx ?1(?:[.,]0)?\b|primary|主摄"),

@@ -19,7 +19,15 @@ from vfm_sdm.inputs.profiles import (
 from vfm_sdm.inputs.session import Lens
 from vfm_sdm.inputs.video import CameraTags
 
-__all__ = ["LensPrior", "prior_of_stated", "prior_of_tags", "prior_of_unknown"]
+__all__ = [
+    "LensPrior",
+    "key_of_stated",
+    "key_of_tags",
+    "name_of",
+    "prior_of_stated",
+    "prior_of_tags",
+    "prior_of_unknown",
+]
 
 _NORMAL_95 = 1.96
 _UNKNOWN_CORNER_STD = 0.025
@@ -87,26 +95,23 @@ def prior_of_stated(lens: Lens, image_size: tuple[float, float], tags: CameraTag
     CameraError
         The mode's distortion is not one that the camera model describes.
     """
-    asked = find_camera(lens.camera or "")
-    texts = [] if lens.mode is None else [lens.mode]
-    setting = read_setting(texts, asked.kind)
-    notes = []
     aspect = aspect_of(*image_size)
+    key = key_of_stated(lens, aspect)
+    setting, notes = key.setting, []
     if lens.mode is not None and not setting.mode and setting.film_mm is None:
         notes.append(f"mode {lens.mode!r} names no field of view: taken as unknown; say Linear, Wide, 1x, 26mm or such")
-    if setting.aspect and setting.aspect != aspect:
-        notes.append(f"mode {lens.mode!r} is {setting.aspect}, and the picture {aspect}: the picture's is taken")
-    key = replace(
-        asked, setting=replace(setting, aspect=aspect, stabilised=_first(lens.stabilised, setting.stabilised))
-    )
+    stated = read_setting([lens.mode or ""], key.kind).aspect
+    if stated and stated != aspect:
+        notes.append(f"mode {lens.mode!r} is {stated}, and the picture {aspect}: the picture's is taken")
     profile = expect_lens(key)
     if not profile.described:
+        advice = "film in a linear mode" if setting.mode else "state the mode, best a linear one"
         raise CameraError(
-            f"lens of {_name(key, lens.camera)}: expected a mode whose distortion is radial and moderate, got one that "
-            "the camera model does not describe; film in a linear mode, or calibrate the camera (`camera = FILE`)"
+            f"lens of {name_of(key, lens.camera)}: expected distortion that is radial and moderate, got some that the "
+            f"camera model does not describe; {advice}, or calibrate the camera (`camera = FILE`)"
         )
     notes += _contradictions(lens.camera or "", key, profile, tags, aspect)
-    said = _describe(f"profiles of {_name(key, lens.camera)}", profile)
+    said = _describe(f"profiles of {name_of(key, lens.camera)}", profile)
     return _prior(profile, (said, *notes))
 
 
@@ -124,10 +129,10 @@ def prior_of_tags(tags: CameraTags, image_size: tuple[float, float]) -> LensPrio
     -----
     A lens that the camera model does not describe is not used: the prior is then that of any lens, and a note says so.
     """
-    key = _key_of(tags, aspect_of(*image_size))
+    key = key_of_tags(tags, aspect_of(*image_size))
     if key is None:
         return None
-    profile, name = expect_lens(key), _name(key, f"{tags.make} {tags.model}".strip())
+    profile, name = expect_lens(key), name_of(key, f"{tags.make} {tags.model}".strip())
     if not profile.described:
         prior = prior_of_unknown()
         said = f"the file names {name}, whose distortion the camera model does not describe: its profile is not used"
@@ -136,7 +141,32 @@ def prior_of_tags(tags: CameraTags, image_size: tuple[float, float]) -> LensPrio
     return _prior(profile, (f"{said}; state `lens` in the session for more",))
 
 
-def _key_of(tags: CameraTags, aspect: str) -> LensKey | None:
+def key_of_stated(lens: Lens, aspect: str) -> LensKey:
+    """What a stated camera is looked up by.
+
+    Parameters
+    ----------
+    lens
+        With ``camera``.
+    aspect
+        The picture's format, as `vfm_sdm.inputs.profiles.aspect_of` names it.
+    """
+    asked = find_camera(lens.camera or "")
+    setting = read_setting([lens.mode or ""], asked.kind)
+    stabilised = _first(lens.stabilised, setting.stabilised)
+    return replace(asked, setting=replace(setting, aspect=aspect, stabilised=stabilised))
+
+
+def key_of_tags(tags: CameraTags, aspect: str) -> LensKey | None:
+    """What the camera that a file names is looked up by; None where the table has nothing of it.
+
+    Parameters
+    ----------
+    tags
+        What the file says.
+    aspect
+        The picture's format, as `vfm_sdm.inputs.profiles.aspect_of` names it.
+    """
     found = find_tagged(tags.make, tags.model) if tags.model or tags.make else None
     if found is None:
         return None
@@ -148,7 +178,7 @@ def _key_of(tags: CameraTags, aspect: str) -> LensKey | None:
 
 def _contradictions(stated: str, key: LensKey, profile: LensProfile, tags: CameraTags, aspect: str) -> list[str]:
     """Notes on a camera or mode that a file names otherwise than the session."""
-    tagged = _key_of(tags, aspect)
+    tagged = key_of_tags(tags, aspect)
     if tagged is None:
         return []
     named = f"{tags.make} {tags.model}".strip()
@@ -196,7 +226,17 @@ def _describe(source: str, profile: LensProfile) -> str:
     return said + (f"; the sensor is read in about {profile.readout_ms:.0f} ms" if profile.readout_ms else "")
 
 
-def _name(key: LensKey, camera: str | None) -> str:
+def name_of(key: LensKey, camera: str | None = None) -> str:
+    """A camera with mode, format and state, in words.
+
+    Parameters
+    ----------
+    key
+        What is known of the lens.
+    camera
+        What the session or the file calls it.
+    """
+    camera = camera or f"{key.brand} {key.model}".strip() or str(key.kind)
     setting = key.setting
     film = "" if setting.film_mm is None else f"{setting.film_mm:g} mm"
     mode = film or setting.mode or "unknown mode"

@@ -41,6 +41,8 @@ from vfm_sdm.inputs.profiles.words import class_of, plain_model
         (["Tamron 28-75mm"], CameraClass.CAMERA, Setting()),
         (["steady shot off", "Zeiss Batis 25mm"], CameraClass.CAMERA, Setting("", 25.0, False)),
         (["Zeiss"], CameraClass.CAMERA, Setting()),
+        (["back camera 5.1mm f/1.6"], CameraClass.PHONE, Setting()),
+        (["0,5 Wide"], CameraClass.PHONE, Setting("ultra wide")),
         (["无防抖"], CameraClass.ACTION, Setting("", None, False)),
     ],
 )
