@@ -16,11 +16,12 @@ from vfm_sdm.inputs.profiles import CROP, LensKey, aspect_of, expect_lens, list_
 from vfm_sdm.inputs.session import Session, View, camera_tags, pixel_aspect
 from vfm_sdm.stages.cameras.profile_priors import key_of_stated, key_of_tags, name_of
 
-__all__ = ["Found", "compare_with_mode", "compare_with_profiles"]
+__all__ = ["Found", "compare_with_mode", "compare_with_profiles", "find_focals"]
 
 _LEAST_REDUNDANCY = 0.5
 """Share of the prior's variance that everything else has to take away for it to be checked."""
-_CLEAR = 1.96
+_CLEAR = 1.645
+"""Standard deviations of a difference that chance exceeds in one of ten."""
 _HALF_A_CROP = -float(np.log(CROP)) / 2
 """Logarithm of the focal length half way between those of the two states of stabilisation."""
 
@@ -51,9 +52,23 @@ def compare_with_profiles(session: Session, frames: Mapping[str, LumaArray], pri
     the prior's variance that everything else took away, the value without it is the prior's plus 1/r of the way to the
     adjusted one, and its variance 1/r of the adjusted one's.
     """
+    found = list(find_focals(session, frames, prior, adjusted))
+    said = [(name, compare_with_mode(key, focal)) for name, key, focal in found]
+    return [f"view {name!r}: {sentence}" for name, sentence in said if sentence]
+
+
+def find_focals(
+    session: Session, frames: Mapping[str, LumaArray], prior: Rig, adjusted: Rig
+) -> Iterator[tuple[str, LensKey, Found]]:
+    """Views whose camera is stated or named, with what everything else gives for its focal length.
+
+    Parameters
+    ----------
+    session, frames, prior, adjusted
+        As in `compare_with_profiles`.
+    """
     if prior.covariance is None or adjusted.covariance is None:
-        return []
-    notes = []
+        return
     views = {view.name: view for view in session.view}
     variances = [np.diag(c)[:: len(CAMERA_PARAMETERS)] for c in (prior.covariance, adjusted.covariance)]
     for place, name in enumerate(prior.names):
@@ -66,10 +81,8 @@ def compare_with_profiles(session: Session, frames: Mapping[str, LumaArray], pri
         if of_prior and redundancy < _LEAST_REDUNDANCY:
             continue
         share = redundancy if of_prior else 1.0
-        found = Found(start + (end - start) / share, float(np.sqrt(variances[1][place] / share)))
-        said = compare_with_mode(key, found)
-        notes += [f"view {name!r}: {said}"] if said else []
-    return notes
+        focal = Found(start + (end - start) / share, float(np.sqrt(variances[1][place] / share)))
+        yield name, key, focal
 
 
 def compare_with_mode(key: LensKey, found: Found) -> str:
