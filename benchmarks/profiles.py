@@ -60,7 +60,7 @@ class Tally:
     @property
     def figures(self) -> dict[str, float]:
         return {
-            "values": len(self.errors),
+            "points": len(self.errors),
             "inside_share": self.share,
             "median_half_interval_share": float(np.expm1(np.median(self.halves))),
             "median_error_share": float(np.expm1(np.median(self.errors))),
@@ -174,7 +174,7 @@ def flag_wrong_modes(draws: int) -> dict[str, dict[str, float]]:
             shares.append([flagged for flagged, std in results if std <= limit])
         wrong, right = (float(np.mean(one)) if one else float("nan") for one in shares)
         name = f"checked by a {check}" + (f" to {limit:.1%}" if limit < 1 else "")
-        found[name] = {"values": len(shares[0]), "wrong_flagged_share": wrong, "right_flagged_share": right}
+        found[name] = {"pairs": len(shares[0]), "wrong_flagged_share": wrong, "right_flagged_share": right}
         row = f"{len(shares[0]):6d}  flagged {wrong:.3f}, and where right {right:.3f}"
         print(f"{'wrong mode':14s}  {name:42s}  {row}", flush=True)
     return found
@@ -188,7 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     shared = Path(os.environ.get("VFM_SDM_SHARED", ROOT.parent / "shared"))
     records = read_records(shared / "data" / "lens_profiles" / "lens_profiles.csv.gz")
-    summary: dict[str, object] = {"calibrations": len(records), "processors": os.cpu_count()}
+    summary: dict[str, object] = {"pairs": len(records), "processors": os.cpu_count()}
     print(
         f"{'kind':14s}  {'what is known':42s}  {'values':>6s}  {'inside':>6s}  {'+- 95 %':>7s}  {'median error':>12s}"
     )
@@ -209,7 +209,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def describe(kind: str, name: str, tally: Tally) -> str:
     one = tally.figures
     return (
-        f"{kind:14s}  {name:42s}  {one['values']:6d}  {one['inside_share']:6.3f}  "
+        f"{kind:14s}  {name:42s}  {one['points']:6d}  {one['inside_share']:6.3f}  "
         f"{one['median_half_interval_share']:7.3f}  {one['median_error_share']:12.3f}"
     )
 
