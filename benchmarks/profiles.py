@@ -164,13 +164,13 @@ def replace_focal(camera: Camera, focal_px: float) -> Camera:
     return replace(camera, K=camera.K * np.array([[focal_px / camera.focal_px], [focal_px / camera.focal_px], [1.0]]))
 
 
-def flag_wrong_modes(draws: int) -> dict[str, dict[str, float]]:
+def flag_wrong_modes(draws: int, first: int = 0) -> dict[str, dict[str, float]]:
     """Share of simulated sites at which a mode is flagged, wrong and right, by what checks it."""
     found: dict[str, dict[str, float]] = {}
     for check, limit in (("length", 1.0), ("length", TOLD), ("pan clip", 1.0)):
         shares = []
         for error in (WRONG, 0.0):
-            results = [simulate(seed, error, check) for seed in range(draws)]
+            results = [simulate(seed, error, check) for seed in range(first, first + draws)]
             shares.append([flagged for flagged, std in results if std <= limit])
         wrong, right = (float(np.mean(one)) if one else float("nan") for one in shares)
         name = f"checked by a {check}" + (f" to {limit:.1%}" if limit < 1 else "")

@@ -73,7 +73,8 @@ def find_tagged(make: str, model: str) -> LensKey | None:
             return find_camera(model)
     except ValueError:
         return None
-    brand = next((one for one in sorted(_cameras(), key=len, reverse=True) if plain(make).startswith(one)), None)
+    said = {plain(make), plain(make.split(maxsplit=1)[0])}
+    brand = next((one for one in _cameras() if one in said), None)
     if brand is None:
         return None
     short = plain_model(brand, model)

@@ -166,7 +166,7 @@ _ACTION_MODELS = re.compile(
     r"^yi|mijia|actioncam|miaction|gear360|as\d00|x[13]000|x1000|hdras|osmoaction|^action\d|rx0|keymission|^actionpro|miniactioncam"
 )
 _DRONE_MODELS = re.compile(
-    r"mini[\d ]|^mini|mavic|^air\d|^air$|phantom|spark|avata|inspire|^fpv|airunit|^o[34]|flip|neo"
+    r"mini[\d ]|^mini|mavic|^air\d|^air$|phantom|spark|avata|inspire|^fpv|airunit|^fc\d{3}|^l[12]d|^o[34]|flip|neo"
 )
 _PHONE_MODELS = re.compile(r"xperia|^pixel")
 _HAND_HELD = re.compile(r"pocket|zenmuse|ronin|^4d|osmo$|^osmo")

@@ -196,6 +196,10 @@ def test_cameras_that_files_name():
     assert find_tagged("", "iPhone 13").brand == "apple"
     assert find_tagged("Unheard", "of") is None
     assert find_tagged("", "of") is None
+    assert find_tagged("NIKON CORPORATION", "NIKON Z 6").model == "z6"
+    assert find_tagged("DJI", "FC9999") == LensKey(CameraClass.DRONE, "dji", "")
+    # One whose name only begins like a maker's.
+    assert find_tagged("Minolta", "of") is None
 
 
 def test_the_table_is_small_and_the_one_of_this_code(monkeypatch):

@@ -2,27 +2,12 @@
 
 import struct
 
-import av
 import pytest
-from video_clips import picture, scene
 
+from tagged_films import write_tagged
 from vfm_sdm.inputs.video import CameraTags, open_video
 from vfm_sdm.inputs.video.boxes import read_boxes
 from vfm_sdm.inputs.video.camera_tags import read_camera_tags
-
-
-def write(path, tags):
-    """A clip with these tags in its metadata."""
-    with av.open(str(path), "w", options={"movflags": "use_metadata_tags"}) as container:
-        container.metadata.update(tags)
-        stream = container.add_stream("libx264", rate=30, options={"qp": "0", "preset": "ultrafast"})
-        lumas = scene(3, size=(96, 72))
-        stream.height, stream.width = lumas[0].shape
-        stream.pix_fmt = "yuv420p"
-        for luma in lumas:
-            container.mux(stream.encode(picture(luma, "yuv420p")))
-        container.mux(stream.encode(None))
-    return path
 
 
 def box(kind, *contents):
@@ -79,11 +64,13 @@ GOPRO = gpmf(
     ],
 )
 def test_tags_of_the_container(tmp_path, tags, expected):
-    assert open_video(write(tmp_path / "a.mov", tags)).info.camera == expected
+    assert open_video(write_tagged(tmp_path / "a.mov", tags)).info.camera == expected
 
 
 def test_a_gopro_states_model_mode_and_stabilisation(tmp_path):
-    path = append(write(tmp_path / "a.mp4", {}), box(b"udta", box(b"FIRM", b"HD7.01.01.90.00"), box(b"GPMF", GOPRO)))
+    path = append(
+        write_tagged(tmp_path / "a.mp4", {}), box(b"udta", box(b"FIRM", b"HD7.01.01.90.00"), box(b"GPMF", GOPRO))
+    )
     assert open_video(path).info.camera == CameraTags("GoPro", "HERO7 Black", ("Linear",), None, False)
     assert read_boxes(path)["firm"] == "HD7.01.01.90.00"
 
@@ -96,14 +83,16 @@ def test_apple_states_the_lens_with_the_track(tmp_path, version):
         com__apple__quicktime__camera__focal_length__35mm_equivalent=(21, struct.pack(">i", 24)),
         another=(24, struct.pack(">d", 2.5)),
     )
-    path = append(write(tmp_path / "a.mov", {}), box(b"trak", box(b"meta", version, *values)))
+    path = append(write_tagged(tmp_path / "a.mov", {}), box(b"trak", box(b"meta", version, *values)))
     assert open_video(path).info.camera == CameraTags("Apple", "iPhone 14 Pro", (), 24.0)
     assert read_boxes(path)["another"] == "2.5"
 
 
 def test_names_in_boxes_of_text(tmp_path):
     text = b"FC7303"
-    path = append(write(tmp_path / "a.mp4", {}), box(b"udta", box(b"\xa9mdl", struct.pack(">HH", len(text), 0), text)))
+    path = append(
+        write_tagged(tmp_path / "a.mp4", {}), box(b"udta", box(b"\xa9mdl", struct.pack(">HH", len(text), 0), text))
+    )
     assert read_boxes(path)["model"] == "FC7303"
     with path.open("ab") as file:
         file.write(

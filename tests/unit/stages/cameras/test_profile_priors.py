@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 from PIL.ExifTags import IFD, Base
-from test_camera_tags import write
 
+from tagged_films import write_tagged
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.inputs.profiles import Setting, expect_any, expect_lens, find_camera
@@ -106,7 +106,7 @@ def test_a_film_that_names_its_camera_needs_no_lens(tmp_path):
         "com.apple.quicktime.model": "iPhone 13",
         "com.apple.quicktime.camera.focal_length.35mm_equivalent": "26",
     }
-    video = open_video(write(tmp_path / "a.mov", tags))
+    video = open_video(write_tagged(tmp_path / "a.mov", tags))
     frames = FirstFrames({"left": video, "right": video})
     priors = read_priors(session_of(tmp_path, video="a.mov"), frames, estimator="two-view")
     key = replace(find_camera("iPhone 13"), setting=Setting("", 26.0, None, "4:3"))
@@ -119,7 +119,9 @@ def test_a_film_that_names_its_camera_needs_no_lens(tmp_path):
 def test_a_film_of_an_unknown_camera_is_of_any_lens(tmp_path):
     assert prior_of_tags(CameraTags("Unheard", "of"), HD) is None
     assert prior_of_tags(CameraTags(), HD) is None
-    video = open_video(write(tmp_path / "a.mov", {"com.android.manufacturer": "Unheard", "com.android.model": "of"}))
+    video = open_video(
+        write_tagged(tmp_path / "a.mov", {"com.android.manufacturer": "Unheard", "com.android.model": "of"})
+    )
     priors = read_priors(
         session_of(tmp_path, video="a.mov"), FirstFrames({"left": video, "right": video}), estimator="two-view"
     )
