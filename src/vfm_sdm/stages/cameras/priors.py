@@ -84,7 +84,7 @@ class CameraPriors:
         >>> known = np.diag([0.05, 10.0, 10.0, 0.1]) ** 2
         >>> priors = CameraPriors(("left", "right"), cameras, np.tile(known, (2, 1, 1)), 4.0, ())
         >>> fused = priors.fused(np.full((2, 2), 1040.0), relative_std=0.05, source="another estimator")
-        >>> round(fused.cameras[0].focal_px, 1), round(fused.intrinsics_covariance[0, 0, 0] ** 0.5, 4)
+        >>> round(fused.cameras[0].focal_px, 1), round(float(fused.intrinsics_covariance[0, 0, 0]) ** 0.5, 4)
         (1019.8, 0.0354)
         """
         cameras, covariances, notes, status = [], [], list(self.notes), self.status

@@ -20,8 +20,8 @@ __all__ = ["Found", "compare_with_mode", "compare_with_profiles", "find_focals"]
 
 _LEAST_REDUNDANCY = 0.5
 """Share of the prior's variance that everything else has to take away for it to be checked."""
-_CLEAR = 1.282
-"""Standard deviations of a difference that chance exceeds in one of five: it is a mode to look at again."""
+_CLEAR = 1.645
+"""Standard deviations of a difference that chance exceeds in one of ten: it is a mode to look at again."""
 _HALF_A_CROP = -float(np.log(CROP)) / 2
 """Logarithm of the focal length half way between those of the two states of stabilisation."""
 

@@ -37,7 +37,7 @@ LINEAR = key_of("GoPro HERO7 Black", "Linear", False)
         (LINEAR, 0.04, 0.01, ""),
         (LINEAR, -0.04, 0.01, ""),
         # Nobody knows it well enough to say.
-        (LINEAR, -np.log(CROP), 0.08, ""),
+        (LINEAR, -np.log(CROP), 0.06, ""),
         # Without a mode nothing is stated that could be wrong.
         (key_of("GoPro HERO7 Black", "", False), 0.1, 0.01, ""),
         (key_of("iPhone 13", "26mm", None), 0.1, 0.01, "11 % longer"),
