@@ -33,6 +33,7 @@ from vfm_sdm.core.statuses import CameraStatus  # noqa: E402
 from vfm_sdm.geometry.camera import Rig  # noqa: E402
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std  # noqa: E402
 from vfm_sdm.geometry.triangulation import triangulate  # noqa: E402
+from vfm_sdm.inputs.profiles import expect_any  # noqa: E402
 from vfm_sdm.inputs.session import Lens, Method  # noqa: E402
 from vfm_sdm.stages.audit.lenses import find_unseen_lens_error  # noqa: E402
 from vfm_sdm.stages.cameras.site_cameras import ALL_FOCALS  # noqa: E402
@@ -46,6 +47,8 @@ RENDERED = tuple((name, None) for name in ("data-1", "data-4", "surface-1", "sur
 RENDERED += tuple((name, 30.0) for name in ("data-4", "surface-2", "demo"))
 """Presets of which pictures are rendered, and the angle at which the second camera stands where it is another [deg]."""
 RENDERED_WIDTH = 1280
+ANY_LENS = expect_any()
+"""What is taken of a lens of which nothing is known."""
 NORMAL_95, LIMIT, CAUTION = 1.96, 0.05, 4.0
 
 
@@ -109,8 +112,8 @@ class Stated:
 def draw_lens(rng: np.random.Generator, prior: str, true_px: float) -> Stated:
     """What is noted of lenses of this focal length [px]; ``errors`` are the logarithms of noted over true ones."""
     if prior == "none":
-        focal = 1.2 * max(SIZE)
-        return Stated(focal, 0.5, np.log(focal / true_px) + rng.normal(0, 0.01, 2) * [0, 1])
+        focal = float(np.exp(ANY_LENS.mean)) * max(SIZE)
+        return Stated(focal, ANY_LENS.std, np.log(focal / true_px) + rng.normal(0, 0.01, 2) * [0, 1])
     std = 0.02 if prior in FALSE else float(prior.split(maxsplit=1)[0]) / 100
     errors = rng.normal(0, std, 2)
     if prior not in FALSE:

@@ -18,12 +18,15 @@ SMALLEST = {
     "lines": ["--draws", "1", "--readings", "level alone"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
+    "profiles": ["--kinds", "drone", "--sites", "1"],
     "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],
     "tracking": ["--frames", "4", "--slow-frames", "3", "--repeats", "1"],
     "verdicts": ["--runs", "1", "--seeds", "1", "--faults", "both views drop frames", "a clipped reference"],
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
 SLOW = {"end_to_end"}
+NEEDS = {"profiles": "lens_profiles"}
+"""Real data without which a script has nothing to do."""
 ELSEWHERE = {"vggt": "test_benchmark_vggt.py", "vggt_costs": "no script, but what vggt counts with"}
 COLUMN = re.compile(r"(?<=\S)(?:  +|: +)(?=\S)")
 
@@ -36,7 +39,9 @@ def test_every_script_is_here():
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in SMALLEST]
 )
-def test_a_benchmark_prints_a_table_and_its_figures(name, tmp_path):
+def test_a_benchmark_prints_a_table_and_its_figures(name, tmp_path, shared_data):
+    if name in NEEDS:
+        shared_data(NEEDS[name])
     command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), *SMALLEST[name]]
     done = subprocess.run(
         command, capture_output=True, text=True, cwd=tmp_path, env=os.environ, timeout=600, check=False

@@ -84,6 +84,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
             {
                 **{"name": "right", "video": "right.mp4", "time_offset_s": 0.1, "time_offset_std_s": 0.01},
                 **{"level": level, "stands": "right"},
+                "lens": {"camera": "GoPro HERO7 Black", "mode": "Linear", "stabilised": False},
                 **{name: {"value": 6.0, "std": 0.02} for name in ("perpendicular_distance", "longitudinal_distance")},
             },
         ],

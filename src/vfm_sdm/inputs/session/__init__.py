@@ -1,12 +1,19 @@
 """The measurement session: what was filmed, measured on site and wanted, and its file ``session.toml``."""
 
 from vfm_sdm.core.files import file_hash
-from vfm_sdm.inputs.session.exif import lens_from_exif
+from vfm_sdm.inputs.session.exif import lens_from_exif, tags_from_exif
 from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
 from vfm_sdm.inputs.session.model import Chessboard, Point, Sensor, Session, View
-from vfm_sdm.inputs.session.recordings import FirstFrames, input_files, open_views, pixel_aspect, quiet_frames
+from vfm_sdm.inputs.session.recordings import (
+    FirstFrames,
+    camera_tags,
+    input_files,
+    open_views,
+    pixel_aspect,
+    quiet_frames,
+)
 from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, Ratio, Readings, Rectangle, Site
 
 __all__ = [
@@ -30,6 +37,7 @@ __all__ = [
     "Sgr",
     "Site",
     "View",
+    "camera_tags",
     "file_hash",
     "input_files",
     "lens_from_exif",
@@ -38,5 +46,6 @@ __all__ = [
     "quiet_frames",
     "read_session",
     "session_hash",
+    "tags_from_exif",
     "write_session",
 ]

@@ -2,14 +2,16 @@
 
 from math import hypot
 from pathlib import Path
+from typing import Any
 
 from PIL import Image, UnidentifiedImageError
 from PIL.ExifTags import IFD, Base
 
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.lens import Lens
+from vfm_sdm.inputs.video import CameraTags
 
-__all__ = ["lens_from_exif"]
+__all__ = ["lens_from_exif", "tags_from_exif"]
 
 _RELATIVE_STD = 0.05
 _FILM_DIAGONAL_MM = hypot(36.0, 24.0)
@@ -43,15 +45,7 @@ def lens_from_exif(image_path: Path | str) -> Lens | None:
     orientation, or turned by a program. Video is often cropped from the sensor's area, which EXIF data of a photograph
     cannot show: a lens and sensor width from the data sheet are better.
     """
-    path = Path(image_path)
-    try:
-        with Image.open(path) as image:
-            width, height = image.size
-            tags = image.getexif().get_ifd(IFD.Exif)
-    except FileNotFoundError as error:
-        raise SessionError(f"{path}: expected a photograph, got no such file; check the path") from error
-    except (UnidentifiedImageError, OSError) as error:
-        raise SessionError(f"{path}: expected a photograph, got no readable image; pass a JPEG or TIFF") from error
+    (width, height), _, tags = _read_exif(Path(image_path))
     film_mm = _positive(tags.get(Base.FocalLengthIn35mmFilm))
     if film_mm is not None:
         sensor_width_mm = _FILM_DIAGONAL_MM * max(width, height) / hypot(width, height)
@@ -66,6 +60,39 @@ def lens_from_exif(image_path: Path | str) -> Lens | None:
     copied = max(width, height) / max((side for side in taken if side is not None), default=max(width, height))
     focal_px = focal_mm / unit_mm * resolution * copied
     return Lens(focal_px=focal_px, relative_std=_RELATIVE_STD)
+
+
+def tags_from_exif(image_path: Path | str) -> CameraTags:
+    """What a photograph says of its camera.
+
+    Parameters
+    ----------
+    image_path
+        A photograph as the camera wrote it (JPEG, TIFF).
+
+    Raises
+    ------
+    SessionError
+        The file is missing or is not an image.
+    """
+    _, base, tags = _read_exif(Path(image_path))
+    make, model, lens = (
+        str(of.get(tag) or "").strip("\0 ")
+        for of, tag in ((base, Base.Make), (base, Base.Model), (tags, Base.LensModel))
+    )
+    return CameraTags(make, model, (lens,) if lens else (), _positive(tags.get(Base.FocalLengthIn35mmFilm)))
+
+
+def _read_exif(path: Path) -> tuple[tuple[int, int], Image.Exif, dict[int, Any]]:
+    """Width and height [px] of a photograph, tags of the picture, and of the camera."""
+    try:
+        with Image.open(path) as image:
+            exif = image.getexif()
+            return image.size, exif, exif.get_ifd(IFD.Exif)
+    except FileNotFoundError as error:
+        raise SessionError(f"{path}: expected a photograph, got no such file; check the path") from error
+    except (UnidentifiedImageError, OSError) as error:
+        raise SessionError(f"{path}: expected a photograph, got no readable image; pass a JPEG or TIFF") from error
 
 
 def _positive(value: object) -> float | None:

@@ -12,10 +12,10 @@ from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray, LumaArray
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session
-from vfm_sdm.inputs.video import RgbArray, Video, open_images, open_video
+from vfm_sdm.inputs.video import CameraTags, RgbArray, Video, open_images, open_video
 from vfm_sdm.inputs.video.images import find_images
 
-__all__ = ["FirstFrames", "input_files", "open_views", "pixel_aspect", "quiet_frames"]
+__all__ = ["FirstFrames", "camera_tags", "input_files", "open_views", "pixel_aspect", "quiet_frames"]
 
 
 _OPENING = 16
@@ -77,6 +77,11 @@ class FirstFrames(Mapping[str, LumaArray]):
         """Width of a pixel over its height [1], by view."""
         return {view: video.info.pixel_aspect for view, video in self._videos.items()}
 
+    @property
+    def camera_tags(self) -> dict[str, CameraTags]:
+        """What recordings say of their cameras, by view."""
+        return {view: video.info.camera for view, video in self._videos.items()}
+
     @cached_property
     def colors(self) -> dict[str, RgbArray]:
         """The same in colour, shape (height, width, 3), by view."""
@@ -114,6 +119,19 @@ def pixel_aspect(frames: Mapping[str, LumaArray], view: str) -> float:
         Name of the view.
     """
     return frames.pixel_aspects[view] if isinstance(frames, FirstFrames) else 1.0
+
+
+def camera_tags(frames: Mapping[str, LumaArray], view: str) -> CameraTags:
+    """What a view's recording says of its camera; nothing where there is none.
+
+    Parameters
+    ----------
+    frames
+        First frame of every view by name, shape (H, W) each; a `FirstFrames` has the recordings.
+    view
+        Name of the view.
+    """
+    return frames.camera_tags[view] if isinstance(frames, FirstFrames) else CameraTags()
 
 
 def _average_opening(video: Video) -> LumaArray:

@@ -6,11 +6,13 @@ and of a region only that much. What went wrong on the way (duplicated and dropp
 damaged) stands in `Video.report`, never in made-up frames.
 """
 
+from vfm_sdm.inputs.video.camera_tags import CameraTags
 from vfm_sdm.inputs.video.reader import Video, open_images, open_video
 from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
 from vfm_sdm.inputs.video.region import Region
 
 __all__ = [
+    "CameraTags",
     "DecodeReport",
     "DecodeStop",
     "Frame",

@@ -14,6 +14,7 @@ from av.sidedata.sidedata import SideData
 
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.camera_tags import read_camera_tags
 from vfm_sdm.inputs.video.color import convert_part
 from vfm_sdm.inputs.video.decoder import open_stream, read_pictures
 from vfm_sdm.inputs.video.luma import luma_bits, luma_plane
@@ -172,6 +173,7 @@ class ContainerSource:
                     time_scale=float(clock.scale),
                     remarks=said + clock.remarks,
                     doubts=clock.doubts + (_INTERLACED,) * picture.interlaced_frame,
+                    camera=read_camera_tags({**container.metadata, **video.metadata}, self._path),
                 ),
             )
 

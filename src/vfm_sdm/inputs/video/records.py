@@ -1,7 +1,7 @@
 """What a view says about itself, what a pass over it yields, and what a source of frames has to offer."""
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.statuses import RecordingStatus
+from vfm_sdm.inputs.video.camera_tags import CameraTags
 from vfm_sdm.inputs.video.region import Region
 
 __all__ = ["DecodeReport", "DecodeStop", "Frame", "FrameSource", "RgbArray", "VideoInfo"]
@@ -53,6 +54,8 @@ class VideoInfo:
     """Sentences on what is unusual about the recording and was allowed for."""
     doubts: tuple[str, ...] = ()
     """Sentences on what may be wrong with it and cannot be mended."""
+    camera: CameraTags = field(default_factory=CameraTags)
+    """What the file says of the camera."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -10,17 +10,15 @@ from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import Camera, Rig
-from vfm_sdm.inputs.session import Session, View, lens_from_exif, pixel_aspect
+from vfm_sdm.inputs.session import Session, View, camera_tags, lens_from_exif, pixel_aspect, tags_from_exif
+from vfm_sdm.inputs.video import CameraTags
 from vfm_sdm.inputs.video.images import find_images
 from vfm_sdm.stages.cameras.file import read_camera
+from vfm_sdm.stages.cameras.profile_priors import LensPrior, prior_of_stated, prior_of_tags, prior_of_unknown
 
 __all__ = ["CameraPriors", "read_priors"]
 
 
-_UNKNOWN_FOCAL = 1.2
-"""Focal length over the longer image side where nothing is known: a normal lens. Only a place to start from; its
-standard deviation below says that nothing is known."""
-_UNKNOWN_FOCAL_STD = 0.5
 _CALIBRATED_STD = 0.003
 _PRINCIPAL_POINT_STD = 0.015
 """Principal point from the image centre, over the image diagonal: usual for lenses that are not calibrated."""
@@ -86,7 +84,7 @@ class CameraPriors:
         >>> known = np.diag([0.05, 10.0, 10.0, 0.1]) ** 2
         >>> priors = CameraPriors(("left", "right"), cameras, np.tile(known, (2, 1, 1)), 4.0, ())
         >>> fused = priors.fused(np.full((2, 2), 1040.0), relative_std=0.05, source="another estimator")
-        >>> round(fused.cameras[0].focal_px, 1), round(fused.intrinsics_covariance[0, 0, 0] ** 0.5, 4)
+        >>> round(fused.cameras[0].focal_px, 1), round(float(fused.intrinsics_covariance[0, 0, 0]) ** 0.5, 4)
         (1019.8, 0.0354)
         """
         cameras, covariances, notes, status = [], [], list(self.notes), self.status
@@ -185,7 +183,13 @@ def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator:
         raise CameraError(f"{estimator}: expected site.baseline, got none; measure the distance between the cameras")
     views = {view.name: view for view in session.view}
     found = [
-        _read_prior(session, views[name], (luma.shape[1], luma.shape[0]), pixel_aspect(frames, name))
+        _read_prior(
+            session,
+            views[name],
+            (luma.shape[1], luma.shape[0]),
+            pixel_aspect(frames, name),
+            camera_tags(frames, name),
+        )
         for name, luma in frames.items()
     ]
     cameras, covariances, notes = zip(*found, strict=True)
@@ -195,11 +199,11 @@ def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator:
 
 
 def _read_prior(
-    session: Session, view: View, image_size: tuple[int, int], aspect: float
+    session: Session, view: View, image_size: tuple[int, int], aspect: float, tags: CameraTags
 ) -> tuple[Camera, FloatArray, str]:
     """One camera, the covariance of its intrinsics, and a note or an empty one.
 
-    ``aspect`` is a pixel's width over its height.
+    ``aspect`` is a pixel's width over its height; ``tags`` are what the video says of its camera.
     """
     width, height = image_size
     diagonal = float(np.hypot(width, height))
@@ -213,21 +217,37 @@ def _read_prior(
         corner = diagonal / 2 / known.focal_px
         std = [_CALIBRATED_STD, 0.001 * diagonal, 0.001 * diagonal, 0.002 / corner**2]
         return replace(known, cam_from_world=np.eye(3, 4)), np.diag(np.square(std)), ""
-    lens, note = view.lens, ""
-    if lens is None and view.images is not None:
-        lens = lens_from_exif(find_images(session.resolve_pattern(view.images))[0])
-        note = f"view {view.name!r}: focal length from EXIF, known to 5 %" if lens is not None else ""
     lying = width * aspect >= height
     along = width if lying else height
-    if lens is None:
-        focal, relative_std = _UNKNOWN_FOCAL * along, _UNKNOWN_FOCAL_STD
-        note = f"view {view.name!r}: nothing known of the lens; state `lens` in the session"
-    else:
-        focal, relative_std = lens.focal_prior_px(along), lens.relative_std
+    prior = _find_lens(session, view, (width * aspect, height), along, tags)
+    focal = prior.focal * along
     # The lens states the focal length along the longer side; one length is fewer pixels where these are wider.
     fx, fy = (focal, focal * aspect) if lying else (focal / aspect, focal)
     K = np.array([[fx, 0, (width - 1) / 2], [0, fy, (height - 1) / 2], [0, 0, 1.0]])
     corner = float(np.hypot(width / fx, height / fy)) / 2
     centre_std = _PRINCIPAL_POINT_STD * diagonal
-    std = [relative_std, centre_std, centre_std, _CORNER_DISTORTION_STD / corner**2]
-    return Camera(K, image_size), np.diag(np.square(std)), note
+    std = [prior.relative_std, centre_std, centre_std, prior.corner_std / corner**2]
+    k1, k2, k3 = prior.corner / corner ** (2 * np.arange(1, 4))
+    note = "; ".join(prior.notes)
+    found = Camera(K, image_size, np.array([k1, k2, 0.0, 0.0, k3]))
+    return found, np.diag(np.square(std)), f"view {view.name!r}: {note}" if note else ""
+
+
+def _find_lens(session: Session, view: View, size: tuple[float, float], along: int, tags: CameraTags) -> LensPrior:
+    """What is known of a view's lens: what the session states, what the file says, or what any lens may be.
+
+    ``size`` holds the picture's sides in one unit, ``along`` counts the pixels along the longer one.
+    """
+    lens, notes = view.lens, []
+    if view.images is not None:
+        photograph = find_images(session.resolve_pattern(view.images))[0]
+        tags = tags_from_exif(photograph)
+        if lens is None:
+            lens = lens_from_exif(photograph)
+            notes = [] if lens is None else ["focal length from EXIF, known to 5 %"]
+    if lens is None:
+        return prior_of_tags(tags, size) or prior_of_unknown()
+    if lens.camera is not None:
+        return prior_of_stated(lens, size, tags)
+    focal = lens.focal_prior_px(along) / along
+    return LensPrior(focal, lens.relative_std, np.zeros(3), _CORNER_DISTORTION_STD, tuple(notes))

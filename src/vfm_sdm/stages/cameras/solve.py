@@ -18,6 +18,7 @@ from vfm_sdm.stages.cameras.base import CameraEstimator, Hypothesis
 from vfm_sdm.stages.cameras.confusions import FREE_STD, Statements
 from vfm_sdm.stages.cameras.contradictions import explain_contradiction
 from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
+from vfm_sdm.stages.cameras.profile_checks import compare_with_profiles
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.cameras.solution import CameraSolution
@@ -89,6 +90,7 @@ def solve_cameras(
     notes = [
         *estimate.notes,
         *adjusted.notes,
+        *compare_with_profiles(session, frames, weighed.hypothesis.rig, adjusted.rig),
         *solved.unused,
         *([] if known else [_NO_COVARIANCE]),
         *_list_missing(points),
