@@ -49,7 +49,7 @@ class Draw:
     status: str
     contradiction: float
     worst: str
-    culprit: str
+    culprits: tuple[str, ...]
     unchecked: float
     cpu_s: float
 
@@ -60,9 +60,16 @@ class Draw:
     @property
     def named_right(self) -> bool:
         """Whether the first culprit is what is wrong."""
-        if self.prior == "both wrong":
-            return self.culprit == ALL_FOCALS
-        return self.culprit == f"focal {self.wrong_view}"
+        return self.culprits[:1] == (self.truly_wrong,)
+
+    @property
+    def among_named(self) -> bool:
+        """Whether what is wrong is among the culprits that are named."""
+        return self.truly_wrong in self.culprits
+
+    @property
+    def truly_wrong(self) -> str:
+        return ALL_FOCALS if self.prior == "both wrong" else f"focal {self.wrong_view}"
 
     @property
     def flagged(self) -> bool:
@@ -111,7 +118,7 @@ def draw(seed: int, prior: str) -> Draw:
     error = float(gain_error(rig, solution.rig, points3d[0])[1])
     return Draw(
         seed, prior, view_deg, wrong, wrong_view, error, float(stated[1]),
-        str(solution.status), off.contradiction, off.name, suspects[0].name if suspects else "",
+        str(solution.status), off.contradiction, off.name, tuple(one.name for one in suspects),
         float(unchecked(solution, sensitivity)), cpu_s,
     )  # fmt: skip
 
@@ -128,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--priors", nargs="+", default=PRIORS)
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args(arguments)
-    names = ("inside", "inside_or_flagged", "flagged", "care_though_inside", "culprit_right")
+    names = ("inside", "inside_or_flagged", "flagged", "care_though_inside", "culprit_right", "among_named", "named")
     print(f"{'prior of the lenses':20s}  {'draws':>5s}" + "".join(f"  {name:>18s}" for name in names))
     summary: dict[str, object] = {"pairs": options.draws, "processors": os.cpu_count()}
     cpu_s = []
@@ -144,7 +151,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             np.mean([d.inside or d.flagged for d in found]),
             np.mean([d.flagged for d in found]),
             np.mean([d.flagged and 2 * d.std <= LIMIT for d in found]),
-            np.mean([d.named_right for d in found if d.culprit] or [0.0]),
+            np.mean([d.named_right for d in found if d.culprits] or [0.0]),
+            np.mean([d.among_named for d in found if d.culprits] or [0.0]),
+            np.mean([bool(d.culprits) for d in found]),
         )
         cpu_s += [d.cpu_s for d in found]
         print(f"{prior:20s}  {len(found):5d}" + "".join(f"  {share:18.3f}" for share in shares), flush=True)
@@ -155,9 +164,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def describe(d: Draw) -> str:
     return (
-        f"{d.seed:4d} {d.prior:10s} view {d.view_deg:3.0f} wrong {d.wrong:+.2f} error {d.error:+.3f} std {d.std:.3f} "
+        f"{d.seed:4d} {d.prior:10s} view {d.view_deg:3.0f} wrong {d.wrong:+.2f} {d.wrong_view:5s} "
+        f"error {d.error:+.3f} std {d.std:.3f} "
         f"{'in ' if d.inside else 'OUT'} {'flag' if d.flagged else '    '} {d.status[:22]:22s} "
-        f"w {d.contradiction:5.1f} {d.worst:26s} culprit {d.culprit} unchecked {d.unchecked:.3f}"
+        f"w {d.contradiction:5.1f} {d.worst:26s} culprit {' / '.join(d.culprits)} unchecked {d.unchecked:.3f}"
     )
 
 

@@ -19,9 +19,11 @@ from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle,
 from vfm_sdm.inputs.session import Length, Lens, Level, Measured, Method, Point, Range, Session, Site, View
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.stages.cameras.base import Hypothesis
+from vfm_sdm.stages.cameras.confusions import Statements
+from vfm_sdm.stages.cameras.contradictions import explain_contradiction
 from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
 from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
-from vfm_sdm.stages.cameras.site import adjust_to_site
+from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.matches import Matches
@@ -102,6 +104,13 @@ class Conditions:
     time_offset_s: float
     time_offset_std_s: float
     time_offset_error_s: float
+    mistaken_m: float = 0.0
+    """By how far along the structure the first point's place in the second view is another's, as of a baluster."""
+    stated_side: str = "right"
+    """Of the structure, which is on the right."""
+    pixel_aspect: float = 1.0
+    """Width of the recorded pixels over their height; `SIZE` is in square ones."""
+    stated_aspect: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,9 +223,11 @@ def simulate(seed: int, *, refinement: str = "none", **fixed: Any) -> Simulated:
     points3d = _place_points(rig, frame, c, noise)
     truth = _true_motion(c, noise)
     # The user's click and the search in the other view: the point that is tracked in both is not quite the same.
-    clicked = project_all(rig, points3d) + noise.normal(0, _POINT_STD_PX, (2, len(points3d), 2))
+    places = _mistake(c, frame, points3d)
+    clicked = _project_each(rig, places) + noise.normal(0, _POINT_STD_PX, (2, len(points3d), 2))
+    clicked = clicked * _squeeze(c)
     session = _session(c, rig, points3d, clicked, noted_pitch, refinement)
-    tracks = _tracks(c, rig, frame, points3d, clicked, truth, noise)
+    tracks = _tracks(c, rig, frame, places, clicked, truth, noise)
     solution = _solve(c, session, rig, clicked, noise)
     clock = np.arange(round(c.duration_s * FPS)) / FPS
     dataset = xr.Dataset(
@@ -271,6 +282,28 @@ def _place_points(rig: Rig, frame: StructureFrame, c: Conditions, rng: np.random
     return np.stack(places)
 
 
+def _mistake(c: Conditions, frame: StructureFrame, points3d: FloatArray) -> FloatArray:
+    """Places that each view follows, shape (V, P, 3) [m]: the second one's first may be another's."""
+    places = np.stack([points3d] * len(VIEWS))
+    places[1, 0] += c.mistaken_m * frame.rotation[2]
+    return places
+
+
+def _project_each(rig: Rig, places: FloatArray) -> FloatArray:
+    """Pixels of places that each view has for itself, shape (V, ..., 2) [px]."""
+    return np.stack([camera.project(own) for camera, own in zip(rig.cameras, places, strict=True)])
+
+
+def _squeeze(c: Conditions) -> FloatArray:
+    """Recorded pixels in a square one, along u and v, shape (2,) [1]."""
+    return np.array([1 / c.pixel_aspect, 1.0])
+
+
+def _size(c: Conditions) -> tuple[int, int]:
+    """Width and height of the pictures as they are recorded [px]."""
+    return (round(SIZE[0] / c.pixel_aspect), SIZE[1])
+
+
 def _seen(rig: Rig, points3d: FloatArray) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Whether both cameras see a point, well inside the image; shape (P,)."""
     pixels = project_all(rig, points3d)
@@ -305,24 +338,27 @@ def _tracks(
     motion: Any,
     rng: np.random.Generator,
 ) -> dict[str, xr.Dataset]:
-    """Tracks of all points with white noise of the covariance that they state, each view on its own clock."""
-    start = project_all(rig, points3d)
+    """Tracks of all points with white noise of the covariance that they state, each view on its own clock.
+
+    Places are those that each view follows, shape (V, P, 3) [m].
+    """
+    start, squeeze = _project_each(rig, points3d) * _squeeze(c), _squeeze(c)
     clock = np.arange(round(c.duration_s * FPS)) / FPS
     tracks = {}
     for view, name in enumerate(VIEWS):
-        places = points3d + motion(clock + view * c.time_offset_s) / 1e3 @ frame.rotation
-        factor = rng.uniform(0.8, 1.25, len(points3d)) * c.track_std_px[view]
+        places = points3d[view] + motion(clock + view * c.time_offset_s) / 1e3 @ frame.rotation
+        factor = rng.uniform(0.8, 1.25, places.shape[1]) * c.track_std_px[view]
         std = factor[:, None] * [1.0, rng.uniform(0.6, 1.4)]
         covariance = std[:, :, None] * std[:, None, :] * np.array([[1.0, 0.2], [0.2, 1.0]])
         noise = np.einsum("pij,tpj->tpi", np.linalg.cholesky(covariance), rng.normal(size=(*places.shape[:2], 2)))
-        position = rig.cameras[view].project(places) + (clicked - start)[view] + noise
+        position = rig.cameras[view].project(places) * squeeze + (clicked - start)[view] + noise
         made = make_tracks(
             clock,
             [*MOVING, *STATIC],
             position,
             np.broadcast_to(covariance, (len(clock), *covariance.shape)),
             np.zeros(position.shape[:2], int),
-            attrs={"tracker": "simulated", "view": name, "image_width": SIZE[0], "image_height": SIZE[1]},
+            attrs={"tracker": "simulated", "view": name, "image_width": _size(c)[0], "image_height": _size(c)[1]},
         )
         tracks[name] = include_track_noise(made)
     return tracks
@@ -339,6 +375,7 @@ def _session(
         baseline=Measured(value=rig.baseline() + c.baseline_error, std=c.baseline_std),
         perpendicular_distance=Measured(value=c.perpendicular + c.perpendicular_error, std=c.perpendicular_std),
         longitudinal_distance=Measured(value=c.longitudinal + c.longitudinal_error, std=c.longitudinal_std),
+        structure_side=c.stated_side,
         face_offset_std=c.face_offset_std,
         reference_camera_level=Level(
             pitch_deg=float(np.degrees(pitch)) + c.level_errors[0],
@@ -382,9 +419,14 @@ def _solve(c: Conditions, session: Session, rig: Rig, clicked: FloatArray, rng: 
     prior = _prior_rig(c, session, matches)
     points = {name: SitePoint(u, on_face=name in MOVING) for name, u in pixels.items()}
     start = Hypothesis(prior, (matches,))
+    readings = {view.name: view for view in session.view[1:]}
+    stated = Statements(prior, (matches,), session.site, points, readings)
+
+    def adjust(one: Hypothesis) -> SiteAdjustment:
+        return adjust_to_site(one.rig, one.matches, session.site, points, readings=readings)
+
     # As the camera stage does: through narrow views the start may be the mirror image.
-    weighed = weigh_hypotheses(session, [start], lambda one: adjust_to_site(one.rig, one.matches, session.site, points))
-    adjusted = weighed.adjusted
+    adjusted = explain_contradiction(stated, weigh_hypotheses(session, [start], adjust).adjusted)
     return CameraSolution(
         adjusted.rig,
         adjusted.frame,
@@ -402,7 +444,9 @@ def _prior_rig(c: Conditions, session: Session, matches: Matches) -> Rig:
     """What is known of the cameras before the adjustment: the lens, and a pose that is free."""
     assert session.site.baseline is not None
     noted = session.site.baseline.value
-    lens = Camera(intrinsics(c.focal_px), SIZE)
+    K = intrinsics(c.focal_px, _size(c))
+    K[0, 0] /= c.stated_aspect
+    lens = Camera(K, _size(c))
     pose, _ = estimate_relative_pose(matches.points_first, matches.points_second, lens, lens)
     k1_std = c.distortion_std / (_DIAGONAL / 2 / c.focal_px) ** 2
     inner = [c.focal_std, _CENTRE_STD, _CENTRE_STD, k1_std]
@@ -420,5 +464,5 @@ def _matches(c: Conditions, rig: Rig, rng: np.random.Generator) -> Matches:
     u = u[:, ((u >= 0) & (u <= np.array(SIZE) - 1)).all(axis=(0, 2))][:, :_MATCHES]
     cell = (u[0, :, 0] * 6 // SIZE[0] * 6 + u[0, :, 1] * 6 // SIZE[1]).astype(int)
     shared = rng.normal(0, _SHARED_MATCH_STD_PX, (2, 36, 2))[:, cell]
-    u = u + shared + rng.normal(0, _OWN_MATCH_STD_PX, u.shape)
+    u = (u + shared + rng.normal(0, _OWN_MATCH_STD_PX, u.shape)) * _squeeze(c)
     return Matches(0, 1, u[0], u[1])

@@ -18,6 +18,7 @@ SMALLEST = {
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
     "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],
     "tracking": ["--frames", "4", "--slow-frames", "3", "--repeats", "1"],
+    "verdicts": ["--runs", "1", "--seeds", "1", "--faults", "both views drop frames", "a clipped reference"],
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
 SLOW = {"end_to_end"}

@@ -21,6 +21,7 @@ from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.core.run_folder import RunFolder
 from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.inputs.session import Session, read_session, write_session
+from vfm_sdm.networks.loading import load_weights
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
@@ -201,6 +202,69 @@ def test_videos(scene, tmp_path, seed):
         return run("displacement", folder / "films" / "session.toml", "-o", folder / "run") or half(folder / "run")
 
     try_all(5, seed, attempt)
+
+
+def spoil_weights(path: Path, state: dict, rng: np.random.Generator, trap: Path) -> bool:
+    """A file of weights with other keys, shapes, types or values, with code in it, or damaged; whether it is useless.
+
+    Of a damaged file nobody knows: a byte of a weight may be another.
+    """
+    torch = pytest.importorskip("torch")
+    save = pytest.importorskip("safetensors.torch").save_file if path.suffix == ".safetensors" else torch.save
+    key = sorted(state)[int(rng.integers(len(state)))]
+    kind = int(rng.integers(9))
+    state = {name: value.clone() for name, value in state.items()}
+    if kind == 0:
+        del state[key]
+    elif kind == 1:
+        state[f"module.{key}"] = state.pop(key)
+    elif kind == 2:
+        state[key] = torch.zeros((*state[key].shape, 2))
+    elif kind == 3:
+        state = {name: value * float(rng.choice([np.nan, np.inf])) for name, value in state.items()}
+    elif kind == 4:
+        state["further"] = torch.ones(3)
+    save(state, path)
+    if kind == 5 and path.suffix != ".safetensors":
+
+        class Trap:
+            def __reduce__(self) -> tuple:
+                return (open, (str(trap), "w"))
+
+        torch.save({**state, key: Trap()}, path)
+    elif kind >= 5:
+        spoil_file(path, rng)
+        return False
+    return True
+
+
+@pytest.mark.parametrize("seed", range(ROUNDS))
+def test_weights(tmp_path, seed):
+    torch = pytest.importorskip("torch")
+    trap = tmp_path / "sprung"
+
+    def network():
+        return torch.nn.Sequential(torch.nn.Linear(4, 3), torch.nn.BatchNorm1d(3))
+
+    def attempt(rng):
+        folder = tmp_path / "one"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        path = folder / f"mine{rng.choice(['.safetensors', '.pt', '.pth'])}"
+        useless = spoil_weights(path, network().state_dict(), rng, trap)
+        try:
+            with alarm(LIMIT_S):
+                load_weights(network(), path)
+        except VfmSdmError as error:
+            return "" if "; " in str(error) and "\n" not in str(error) else f"no advice: {error}"
+        except Hang:
+            return f"a hang of {LIMIT_S} s"
+        except Exception:  # noqa: BLE001  (the fault that is looked for)
+            return traceback.format_exc()
+        return f"taken: {path}" if useless else ""
+
+    try_all(30, seed, attempt)
+    assert not trap.exists()
 
 
 READERS = (

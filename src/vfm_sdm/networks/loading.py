@@ -80,8 +80,8 @@ def load_weights(
     Raises
     ------
     BackendUnavailableError
-        There is no such file, it cannot be read, or its keys or shapes are not those of the module; the message
-        counts the differences and names the first five of each kind.
+        There is no such file, it cannot be read, its keys or shapes are not those of the module, or its values are not
+        all numbers; the message counts the differences and names the first five of each kind.
 
     Examples
     --------
@@ -102,6 +102,13 @@ def load_weights(
                 f"{'; '.join(faults)}; give the file that belongs to this network (`vfm-sdm weights list`)"
             )
         state = {key: _convert_type(contents.read(key), dtype) for key in expected}
+        damaged = [key for key, tensor in state.items() if not _is_finite(tensor)]
+        if damaged:
+            named = ", ".join(damaged[:_SHOWN]) + (", ..." if len(damaged) > _SHOWN else "")
+            raise BackendUnavailableError(
+                f"weights {contents.label}: expected numbers, got values that are none in {len(damaged)} tensors "
+                f"({named}); the file is damaged, fetch it again or give another"
+            )
     module.load_state_dict(state, strict=True, assign=True)
 
 
@@ -127,6 +134,13 @@ def _list_differences(
 
 def _format_shape(shape: tuple[int, ...]) -> str:
     return "x".join(map(str, shape)) or "scalar"
+
+
+def _is_finite(tensor: "torch.Tensor") -> bool:
+    """Whether all values are numbers: their sum is, in a precision that no sum of weights exceeds."""
+    import torch  # noqa: PLC0415
+
+    return not tensor.is_floating_point() or bool(torch.isfinite(tensor.sum(dtype=torch.float64)))
 
 
 def _convert_type(tensor: "torch.Tensor", dtype: "torch.dtype | None") -> "torch.Tensor":
@@ -172,7 +186,11 @@ def _read_zip(path: Path) -> "dict[str, torch.Tensor]":
     import torch  # noqa: PLC0415
 
     # The format before 2020 is a bare pickle; none of the checkpoints uses it, and foreign files pass for it.
-    if not zipfile.is_zipfile(path):
+    try:
+        archive = zipfile.is_zipfile(path)
+    except zipfile.BadZipFile:  # of the end of an archive that names parts elsewhere
+        archive = False
+    if not archive:
         _unreadable(path, "a checkpoint of PyTorch (a zip archive)", "no zip archive")
     try:
         stored: Any = torch.load(path, map_location="cpu", mmap=True, weights_only=True)

@@ -133,6 +133,18 @@ def test_differences_are_counted_and_named(file):
     assert_equal(net.state_dict(), before)
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+@pytest.mark.parametrize("dtype", [None, torch.float16])
+def test_values_that_are_no_numbers_are_named(value, dtype):
+    wrong = {key: tensor.clone() for key, tensor in state().items()}
+    wrong["body.weight"][1, 2] = value
+    net = Net()
+    before = {key: tensor.clone() for key, tensor in net.state_dict().items()}
+    with pytest.raises(BackendUnavailableError, match=r"none in 1 tensors \(body\.weight\); the file is damaged"):
+        load_weights(net, wrong, dtype=dtype)
+    assert_equal(net.state_dict(), before)
+
+
 def test_a_scalar_has_a_name_for_its_shape():
     wrong = {**state(), "norm.num_batches_tracked": torch.zeros(1)}
     with pytest.raises(BackendUnavailableError, match=r"num_batches_tracked 1 instead of scalar"):

@@ -15,6 +15,7 @@ from vfm_sdm.inputs.video.clock import count_dropped
 from vfm_sdm.inputs.video.container import ContainerSource
 from vfm_sdm.inputs.video.images import ImageSource
 from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
+from vfm_sdm.inputs.video.repeats import FrameChanges
 
 __all__ = ["Video", "open_images", "open_video"]
 
@@ -74,7 +75,8 @@ class Video:
         the few frames inside the decoder at that moment are lost as well.
 
         A frame is counted as duplicated when its luma equals that of the frame before in every pixel. A still scene
-        without noise looks the same to a lossy encoder, so such frames are counted, not removed.
+        without noise looks the same to a lossy encoder, so such frames are counted, not removed. Where frames hold
+        noise, ``alike`` of the report names those that hold the noise of the frame before.
         """
         if stop is not None and stop < 1:
             raise DatasetError(f"stop: expected at least one frame, got {stop}; leave it out to read all frames")
@@ -209,6 +211,7 @@ class _Tally:
     def __init__(self) -> None:
         self._time_s = array("d")
         self._duplicated = 0
+        self._changes = FrameChanges()
         self._previous: LumaArray | None = None
 
     @property
@@ -219,6 +222,7 @@ class _Tally:
         if self._previous is not None and _same_picture(self._previous, frame.luma):
             self._duplicated += 1
         self._previous = frame.luma
+        self._changes.add(frame.luma)
         self._time_s.append(frame.time_s)
 
     def report(self, info: VideoInfo, status: RecordingStatus, detail: str) -> DecodeReport:
@@ -229,7 +233,8 @@ class _Tally:
             words.append(detail)
         if not regular:
             words.append("irregular time stamps: dropped frames cannot be told")
-        return DecodeReport(self.frames, self._duplicated, dropped, status, "; ".join(words))
+        alike = tuple(self._changes.alike().tolist())
+        return DecodeReport(self.frames, self._duplicated, dropped, status, "; ".join(words), alike)
 
 
 def open_video(path: str | Path, *, capture_fps: float | None = None) -> Video:

@@ -114,6 +114,8 @@ class DecodeReport:
     """Frames missing in the time stamps (see `vfm_sdm.inputs.video.clock`), or in the numbers of images."""
     status: RecordingStatus
     message: str
+    alike: tuple[int, ...] = ()
+    """Numbers of the frames that hold the noise of the frame before (see `vfm_sdm.inputs.video.repeats`)."""
 
 
 class DecodeStop(Exception):  # noqa: N818  (the end of what can be read, not misuse: it never leaves `Video.frames`)

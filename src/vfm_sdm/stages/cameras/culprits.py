@@ -18,9 +18,12 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.inputs.session import Lens
 
-__all__ = ["Claim", "Suspect", "list_suspects", "name_confusions"]
+__all__ = ["CULPRIT_STD", "Claim", "Suspect", "advise_on_lens", "list_suspects", "name_confusions"]
 
+CULPRIT_STD = 4.0
+"""Standard deviations from which a claim is named as wrong: by chance one of 15 in a run of a thousand."""
 _LEAST_REDUNDANCY = 0.01
 """Share of a claim that the others must check for it to be tested."""
 _ALIKE = 0.1
@@ -35,6 +38,12 @@ _FACTORS = (
     (-1.0, "stated with the other sign"),
 )
 """What a value is stated too large by, and the confusion of which this is a sign."""
+_FILM_WIDTH_MM = 36.0
+_FILM_WIDTHS_MM = (35.0, 37.0)
+_CROP_FACTORS = (1.5, 1.6, 2.0, 2.7)
+"""Width of film over that of usual sensors: APS-C of two makers, four thirds, one inch."""
+_NEAR_FACTOR = 0.05
+"""Relative distance from a crop factor within which it is recognised; the factors lie farther apart but for two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +90,8 @@ class Suspect:
         Standard deviation of `freed` [units].
     drop
         By how much the cost falls without the claim, as standard deviations of one normal error [1].
+    advice
+        What was expected, what is stated, and what to do, where something was confused.
     rank
         The same before it is turned into probability, for order where that is zero: drop of the cost [1].
 
@@ -97,6 +108,7 @@ class Suspect:
     freed_std: float
     drop: float
     rank: float
+    advice: str = ""
 
     def sentence(self, others: Sequence["Suspect"] = ()) -> str:
         """What is most probably wrong, with the others that are nearly as probable."""
@@ -105,6 +117,7 @@ class Suspect:
             words += f", stated as {self.stated:.6g} {self.units}; everything else gives "
             words += f"{self.freed:.4g} +- {self.freed_std:.2g}"
             words += "".join(f" (as if {one})" for one in name_confusions(self))
+        words += f": {self.advice}" if self.advice else ""
         also = [one.name for one in others if one.name != self.name]
         return words + (f"; nearly as probable: {', '.join(also)}" if also else "")
 
@@ -178,3 +191,39 @@ def name_confusions(suspect: Suspect) -> Iterator[str]:
         expected = suspect.freed * factor
         if abs(suspect.stated - expected) < max(_ALIKE * abs(expected), 2 * abs(factor) * suspect.freed_std):
             yield words
+
+
+def advise_on_lens(suspect: Suspect, lens: Lens | None) -> str:
+    """What to do where a focal length and a sensor's width do not belong together; empty where they may.
+
+    Parameters
+    ----------
+    suspect
+        A focal length that everything else contradicts.
+    lens
+        What the session says of it.
+
+    Examples
+    --------
+    >>> lens = Lens(focal_mm=26.0, sensor_width_mm=6.0)
+    >>> advise_on_lens(Suspect("focal left", "px", 8320.0, 1390.0, 10.0, drop=30.0, rank=900.0), lens).split(",")[1]
+    ' got focal_mm = 26 as of 35 mm film'
+    """
+    if lens is None or lens.focal_mm is None or lens.sensor_width_mm is None or not np.isfinite(suspect.freed):
+        return ""
+    width = lens.sensor_width_mm
+
+    def looks_like(factor: float) -> bool:
+        away = abs(np.log(suspect.stated / suspect.freed / factor))
+        return bool(away < max(_NEAR_FACTOR, 2 * suspect.freed_std / suspect.freed))
+
+    if _FILM_WIDTHS_MM[0] <= width <= _FILM_WIDTHS_MM[1]:
+        crops = [crop for crop in _CROP_FACTORS if looks_like(1 / crop)]
+        said = " or ".join(f"{_FILM_WIDTH_MM / crop:.3g}" for crop in crops)
+        return f"expected a sensor {said} mm wide, got that of 35 mm film, do: state its own width" if crops else ""
+    if looks_like(_FILM_WIDTH_MM / width):
+        return (
+            f"expected the focal length of the lens itself, got focal_mm = {lens.focal_mm:g} as of 35 mm film, do: "
+            f"state the lens's own, or sensor_width_mm = {_FILM_WIDTH_MM:g} beside it"
+        )
+    return ""

@@ -243,7 +243,7 @@ def chance_agreement(matches: Matches, cameras: tuple[Camera, Camera]) -> Agreem
 
 
 def estimate_relative_pose(
-    points_first: FloatArray, points_second: FloatArray, first: Camera, second: Camera
+    points_first: FloatArray, points_second: FloatArray, first: Camera, second: Camera, *, most_iterations: int = 20000
 ) -> tuple[FloatArray, BoolArray]:
     """Pose of the second camera in the first one's frame, with unit translation, and the matches that agree.
 
@@ -253,6 +253,8 @@ def estimate_relative_pose(
         Matched pixels in the two views, shape (N, 2) [px].
     first, second
         Intrinsics and distortion of the cameras.
+    most_iterations
+        Samples that are tried at most.
 
     Returns
     -------
@@ -291,7 +293,7 @@ def estimate_relative_pose(
     pose, info = poselib.estimate_relative_pose(
         *pixels,
         *(_make_poselib_camera(c) for c in (first, second)),
-        {"max_epipolar_error": threshold, "max_iterations": 20000, "min_iterations": 500, "seed": 0},
+        {"max_epipolar_error": threshold, "max_iterations": most_iterations, "min_iterations": 500, "seed": 0},
         {},
     )
     translation = np.asarray(pose.t, dtype=np.float64)

@@ -9,10 +9,9 @@ distortion, distance of points from the face) are nuisance parameters with a pri
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.optimize import OptimizeResult
 from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import FloatArray
@@ -20,7 +19,8 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Readings, Site
-from vfm_sdm.stages.cameras.culprits import Suspect, list_suspects
+from vfm_sdm.stages.cameras.culprits import CULPRIT_STD, Suspect, list_suspects
+from vfm_sdm.stages.cameras.site_minimum import minimize_from_starts
 from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
@@ -31,18 +31,8 @@ _DISAGREEMENT_STD = 3.0
 _CONTRADICTED_STD = 5.0
 """Residual over its own standard deviation from which a reading is contradicted. Baarda's 3.3 is for observations whose
 weights are known exactly; those of matches are not."""
-_CULPRIT_STD = 4.0
-"""Standard deviations from which a claim is named as wrong: by chance one of 15 in a run of a thousand."""
 _AS_PROBABLE = 4.0
 """Difference of two drops of the cost below which the data hardly tell two culprits apart."""
-_WEAK_FOCAL_STD = 0.08
-"""Relative standard deviation of a focal length from which its prior leaves room for several minima."""
-_TRIAL_STEPS = 40
-_FAR_COST = 25.0
-"""Cost of matches, beyond twice the least, from which a start does not fit them."""
-_SAME_MINIMUM = 1e-2
-"""Largest distance of two solutions of one minimum [prior standard deviations]."""
-_STARTS = (0.0, -1.0, 1.0, -2.0, 2.0)
 _LEAST_REDUNDANCY = 0.01
 """Share of a reading that the others must check."""
 _DETERMINED = 0.9
@@ -194,7 +184,7 @@ def adjust_to_site(
     them carry the weight of a few dozen: see `vfm_sdm.stages.cameras.site_problem.SiteProblem`.
     """
     problem = SiteProblem(rig, matches, site, points or {}, readings=readings or {})
-    solution = _minimize_from_starts(problem)
+    solution = minimize_from_starts(problem)
     # Every parameter has a prior of unit weight, so the normal matrix is never singular.
     jacobian = np.asarray(solution.jac)
     whitened = np.linalg.inv(jacobian.T @ jacobian)
@@ -212,48 +202,13 @@ def adjust_to_site(
     return SiteAdjustment(rig, frame, joint, quantities, status, notes, rms, 2 * float(solution.cost), suspects)
 
 
-def _minimize_from_starts(problem: SiteProblem) -> OptimizeResult:
-    """The least minimum from starts over the common focal length, where little is known of it.
-
-    The problem is not convex, and a wrong focal length may be another minimum. Starts lie one and two standard
-    deviations of the prior away.
-    """
-    common, std = problem.common_focal()
-    offsets = _STARTS if std > _WEAK_FOCAL_STD else (0.0,)
-    solved = [_minimize_residuals(problem, offset * common, _TRIAL_STEPS) for offset in offsets]
-    # Without the face at first: points far from where they belong lead away from a start that does not fit the matches.
-    limit = _FAR_COST + 2 * min(one.cost for one in solved)
-    # Once only: loosened further and further, matches would agree with any reading.
-    problem.weigh_matches(min(solved, key=lambda one: float(one.cost)).x)
-    found = [_minimize_weighed(problem, one.x) for one in solved if one.cost < limit and _is_new(one, solved)]
-    solution, _ = min(found, key=lambda one: (not one[0].success, one[1]))
-    return _minimize_weighed(problem, solution.x)[0]
-
-
-def _is_new(one: OptimizeResult, solved: Sequence[OptimizeResult]) -> bool:
-    """Whether no earlier one is the same minimum."""
-    return all(np.abs(one.x - other.x).max() > _SAME_MINIMUM for other in takewhile(lambda x: x is not one, solved))
-
-
-def _minimize_weighed(problem: SiteProblem, start: FloatArray) -> tuple[OptimizeResult, float]:
-    """A minimum with relief weighed as it shows from its start, and its cost as it compares with others."""
-    problem.weigh_relief(start)
-    solution = _minimize_residuals(problem, start)
-    return solution, 2 * float(solution.cost) + problem.log_spread()
-
-
 def _find_culprits(problem: SiteProblem, solution: OptimizeResult) -> tuple[Suspect, ...]:
     """Claims that the others contradict, and those that are nearly as probable as the first."""
     claims = problem.claims(len(solution.fun))
     suspects = list_suspects(claims, np.asarray(solution.fun), np.asarray(solution.jac))
-    if not suspects or suspects[0].drop <= _CULPRIT_STD:
+    if not suspects or suspects[0].drop <= CULPRIT_STD:
         return ()
     return tuple(one for one in suspects if one.rank > suspects[0].rank - _AS_PROBABLE)
-
-
-def _minimize_residuals(problem: SiteProblem, start: FloatArray, steps: int = 100) -> OptimizeResult:
-    """Least-squares solution of the problem in whitened parameters."""
-    return least_squares(problem.residuals, start, jac=problem.jacobian, xtol=1e-7, ftol=1e-7, max_nfev=steps)
 
 
 def _compute_covariance(problem: SiteProblem, solution: FloatArray, whitened: FloatArray) -> FloatArray:

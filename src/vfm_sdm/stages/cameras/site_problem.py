@@ -7,7 +7,7 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
-from vfm_sdm.geometry.structure_frame import compute_view_angle, structure_from_cam1
+from vfm_sdm.geometry.structure_frame import structure_from_cam1
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Readings, Site
 from vfm_sdm.stages.cameras.culprits import Claim
@@ -157,7 +157,8 @@ class SiteProblem:
         centre = (camera.image_size[0] - 1) / 2
         aside = np.arctan((centre - camera.K[0, 2]) / camera.K[0, 0])
         sign = 1.0 if self._site.structure_side == "right" else -1.0
-        angle = compute_view_angle(perpendicular, longitudinal) - sign * aside
+        # As `compute_view_angle`, but a step on the way to the solution may pass distances that nobody could measure.
+        angle = float(np.arctan2(perpendicular, longitudinal)) - sign * aside
         return structure_from_cam1(angle, pitch_rad=pitch, roll_rad=roll, side=self._site.structure_side)
 
     def residuals(self, z: FloatArray) -> FloatArray:
@@ -337,6 +338,11 @@ class SiteProblem:
         weights += [np.ones(len(self._face))] if self._has_face_points else []
         spread = sum(float(w @ np.log(one)) for w, one in zip(weights, self._relief, strict=True))
         return 2 * spread if np.isfinite(spread) else float("inf")
+
+    def log_spread_of(self, point: str) -> float:
+        """Part of `log_spread` that a named point has [1]; 0 where it is not on the face."""
+        known = self._has_face_points and bool(self._relief) and point in self._face
+        return 2 * float(np.log(self._relief[-1][self._face.index(point)])) if known else 0.0
 
     def _scale_relief(self, z: FloatArray) -> list[FloatArray]:
         """Pixels by which a metre out of the face shows, for the matches of each pair and for the named points."""

@@ -15,6 +15,8 @@ from vfm_sdm.core.statuses import CameraStatus, PointStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import FirstFrames, Session, Site
 from vfm_sdm.stages.cameras.base import CameraEstimator, Hypothesis
+from vfm_sdm.stages.cameras.confusions import Statements
+from vfm_sdm.stages.cameras.contradictions import explain_contradiction
 from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
@@ -82,6 +84,8 @@ def solve_cameras(
         if not again.identical(points):
             points = again
             adjusted, unused = _adjust(session, start, points)
+    stated, _ = _state(session, start, points)
+    adjusted = explain_contradiction(stated, adjusted, {view.name: view.lens for view in session.view})
     adjusted = weighed.widened(adjusted)
     notes = [*estimate.notes, *adjusted.notes, *unused, *([] if known else [_NO_COVARIANCE]), *_list_missing(points)]
     return CameraSolution(
@@ -116,6 +120,13 @@ def _with_poses_of(prior: Rig, adjusted: Rig) -> Rig:
 
 def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[SiteAdjustment, list[str]]:
     """The cameras adjusted to everything measured on site to points seen in two views, and what had to be left out."""
+    stated, unused = _state(session, one, points)
+    adjusted = adjust_to_site(stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings)
+    return adjusted, unused
+
+
+def _state(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[Statements, list[str]]:
+    """Everything that is stated of cameras and of points seen in two views, and what had to be left out."""
     position, std = (points[name].transpose("point", "view", "pixel").values for name in ("position", "position_std"))
     moving = {p.name for p in session.point if not p.static}
     seen = {
@@ -124,14 +135,7 @@ def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[Site
         if np.isfinite(pixels).all(axis=1).sum() >= 2
     }
     site, unused = _drop_unseen_lengths(session.site, seen)
-    adjusted = adjust_to_site(
-        one.rig,
-        one.matches,
-        site,
-        seen,
-        readings={view.name: view for view in session.view[1:]},
-    )
-    return adjusted, unused
+    return Statements(one.rig, one.matches, site, seen, {view.name: view for view in session.view[1:]}), unused
 
 
 def _drop_unseen_lengths(site: Site, seen: Mapping[str, SitePoint]) -> tuple[Site, list[str]]:

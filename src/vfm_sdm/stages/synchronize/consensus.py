@@ -153,9 +153,9 @@ class SearchedLags:
         if not own.estimated:
             return 0.0
         best = own.estimated[0]
-        there = own.estimator.dependence_at(lag_s)
+        here, there = own.estimator.dependences_at(best.lag_s, lag_s)
         limit = tie_limit(best, best, own.estimator.groups)
-        return (best.dependence - there) / limit if np.isfinite(there) else 0.0
+        return (here - there) / limit if np.isfinite(there) else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -129,17 +129,30 @@ class SubsampleEstimator:
                 return _summarise(fits, lag, self.first.time_s[part], self.first.rate_hz)
         return _NO_PEAK
 
-    def dependence_at(self, lag_s: float) -> float:
-        """Dependence of the signals at a lag [1], wherever it peaks; NaN where no group has enough samples.
+    def dependences_at(self, *lags_s: float) -> list[float]:
+        """Dependence of the signals at each of some lags [1], wherever it peaks.
 
         Parameters
         ----------
-        lag_s
+        *lags_s
             Seconds by which the second signal happens later [s].
+
+        Returns
+        -------
+        dependences
+            Of the samples that meet at all of these lags: where nearly all of a motion is explained, a single sample at
+            an end changes more than the lag does. NaN where no group has enough of them.
         """
-        fits = self._fit(lag_s, self._present(lag_s, slice(None)), slice(None))
-        samples = sum(fit.samples for fit in fits)
-        return sum(fit.dependence * fit.samples for fit in fits) / samples if samples else float("nan")
+        present = self._present(lags_s[0], slice(None))
+        for lag_s in lags_s[1:]:
+            met = [(group, mask & self._shared_samples(group, lag_s)) for group, mask in present]
+            present = [(group, mask) for group, mask in met if mask.sum() > max(4 * len(group[0]), self.fewest)]
+        found = []
+        for lag_s in lags_s:
+            fits = self._fit(lag_s, present, slice(None))
+            samples = sum(fit.samples for fit in fits)
+            found.append(sum(fit.dependence * fit.samples for fit in fits) / samples if samples else float("nan"))
+        return found
 
     def compare(self, lag_s: float, other_s: float) -> float:
         """Standard deviations by which one lag explains the second signal better than another [1].

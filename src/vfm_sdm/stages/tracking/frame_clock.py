@@ -1,5 +1,6 @@
 """What the motion of all points of a view says about its frames: repeated, missing, or with stamps that jitter."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +11,7 @@ from scipy.stats import theilslopes
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.core.datasets import Status
+from vfm_sdm.stages.tracking.frame_prediction import find_gaps
 
 __all__ = ["FrameClock", "check_frames", "find_repeats", "find_skips"]
 
@@ -27,6 +29,8 @@ _SKIP = 16.0
 """Squared bend of the motion over the largest about it from which on frames are missing there: four times."""
 _LARGER = 2.5
 """Squared step over the larger of those before and after it: over one missing frame it is four."""
+_SAME_GAP = 2
+"""Frames between what is one gap by both of its signs."""
 _ABOUT = 15
 """Frames to each side over which a bend is compared: half a second."""
 _CADENCE = 1.0
@@ -59,36 +63,43 @@ class FrameClock:
     facts: dict[str, Any] = field(default_factory=dict)
 
 
-def check_frames(tracks: xr.Dataset) -> FrameClock:
+def check_frames(tracks: xr.Dataset, *, alike: Sequence[int] = ()) -> FrameClock:
     """Tracks of a view whose frames the motion of all its points agrees with, and what was found.
 
     Parameters
     ----------
     tracks
         Tracks of one view, shape (T, P, 2) [px], with their covariances.
+    alike
+        Numbers of the frames that hold the noise of the frame before, from 0, of T.
 
     Notes
     -----
+    Frames that hold the noise of the frame before show its motion, too, however small that is or noisy.
+
     Structures move smoothly from frame to frame. The step of all points into a frame is compared with that which the
     steps before and after it let expect (cubic interpolation): near nothing, and the frame repeats the one before,
     whatever a codec made of its pixels; far more, and frames are missing that the stamps do not show. A conversion of
-    the rate repeats frames at an even distance; the others are then an even time apart. Only motion clear of its noise
-    shows either.
+    the rate repeats frames at an even distance; the others are then an even time apart. Where the motion goes on as it
+    was to be some frames later, those are missing, too (`find_gaps`). Only motion clear of its noise shows any of it.
     """
     steps = _Steps.of(tracks)
     facts: dict[str, Any] = {"repeated": 0, "skipped": 0, "remarks": [], "doubts": []}
+    same: IntArray = np.array([k for k in alike if k < tracks.sizes["time"]], np.int64)
+    repeats: IntArray = np.zeros(0, np.int64)
+    if steps is not None:
+        tracks = _even_stamps(tracks, steps, facts)
+        steps = _Steps.of(tracks) or steps
+        repeats = find_repeats(steps.step, steps.usable)
+    if repeats.size or same.size:
+        tracks = _without_repeats(tracks, repeats, same, facts)
+        steps = _Steps.of(tracks) or steps
     if steps is None:
         return FrameClock(tracks, facts)
-    tracks = _even_stamps(tracks, steps, facts)
-    steps = _Steps.of(tracks) or steps
-    repeats = find_repeats(steps.step, steps.usable)
-    if repeats.size:
-        facts["repeated"] = int(repeats.size)
-        tracks = _without_repeats(tracks, repeats, facts)
-        steps = _Steps.of(tracks) or steps
-    skips = find_skips(steps.step, steps.usable)
+    skips = _find_all_skips(steps)
     # A frame in place of a lost one is followed by a step of two.
-    skips = skips[~np.isin(skips, np.concatenate([repeats, repeats + 1]))] if facts["doubts"] else skips
+    about = np.concatenate([repeats, same, repeats + 1, same + 1])
+    skips = skips[~np.isin(skips, about)] if facts["doubts"] else skips
     if skips.size:
         facts["skipped"] = int(skips.size)
         at = ", ".join(f"{tracks['time'].values[k]:.2f}" for k in skips[:5])
@@ -97,6 +108,15 @@ def check_frames(tracks: xr.Dataset) -> FrameClock:
             "time after is wrong; film at a lower rate or with a faster card, and measure the parts between alone"
         )
     return FrameClock(tracks, facts)
+
+
+def _find_all_skips(steps: "_Steps") -> IntArray:
+    """Frames before which others are missing, by how large the step is or by how the motion goes on."""
+    large = find_skips(steps.step, steps.usable)
+    position = np.concatenate([np.zeros((1, steps.step.shape[1])), np.cumsum(steps.step, axis=0)])
+    gaps = find_gaps(position, np.concatenate([[True], steps.usable]))
+    apart = np.abs(gaps[:, None] - large[None, :]) > _SAME_GAP
+    return np.union1d(large, gaps[apart.all(axis=1)]).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,8 +246,11 @@ def find_skips(step: npt.NDArray[np.float64], usable: npt.NDArray[np.bool_]) -> 
     return np.array(found, np.int64)
 
 
-def _without_repeats(tracks: xr.Dataset, repeats: IntArray, facts: dict[str, Any]) -> xr.Dataset:
-    """Tracks without what a conversion of the rate put in; single repeats are marked."""
+def _without_repeats(tracks: xr.Dataset, repeats: IntArray, same: IntArray, facts: dict[str, Any]) -> xr.Dataset:
+    """Tracks without what a conversion of the rate put in; single repeats and frames of the ``same`` noise are marked.
+
+    Motion alone tells the frames of a conversion: encoders pass kinds of frames on at an even distance, too.
+    """
     time_s = tracks["time"].values
     inserted = _find_cadence(repeats, len(time_s))
     if inserted is not None and not _catches_up(tracks, inserted):
@@ -241,13 +264,15 @@ def _without_repeats(tracks: xr.Dataset, repeats: IntArray, facts: dict[str, Any
         return tracks.isel(time=keep).assign_coords(
             time=("time", time_s[0] + np.arange(keep.size) * interval, tracks["time"].attrs)
         )
+    repeats = np.union1d(repeats, same)
+    facts["repeated"] = int(repeats.size)
     status = tracks["status"].values.copy()
     rows = status[repeats]
     rows[rows == Status.OK] = Status.UNRELIABLE
     status[repeats] = rows
     facts["doubts"].append(
-        f"{repeats.size} frames repeat the one before while the structure moves, their samples are not trusted; use "
-        "the camera's original file, or a constant frame rate"
+        f"{repeats.size} frames repeat the one before and their samples are not trusted; use the camera's original "
+        "file, or a constant frame rate"
     )
     return tracks.assign(status=tracks["status"].copy(data=status))
 

@@ -15,6 +15,7 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.tracking.base import DesignedTracker, Tracker
 from vfm_sdm.stages.tracking.frame_clock import check_frames
+from vfm_sdm.stages.tracking.lone_errors import include_lone_errors
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
@@ -32,8 +33,9 @@ def track_views(
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
 
-    Covariances are raised to the scatter of the tracks, see `include_track_noise`. The decoder's report on each
-    recording is the attribute ``recording`` of its tracks, a table.
+    Covariances are raised to the scatter of the tracks, see `include_track_noise`, and those of single samples to how
+    far they leave their path, see `include_lone_errors`. The decoder's report on each recording is the attribute
+    ``recording`` of its tracks, a table.
 
     Parameters
     ----------
@@ -72,8 +74,8 @@ def track_views(
             found = found.assign(_describe_choices(chosen, [str(name) for name in found["point"].values]))
         found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
         found.attrs["pixel_aspect"] = video.info.pixel_aspect
-        clock = check_frames(found)
-        tracks[view] = include_track_noise(clock.tracks)
+        clock = check_frames(found, alike=video.report.alike)
+        tracks[view] = include_lone_errors(include_track_noise(clock.tracks))
         tracks[view].attrs["recording"] = {
             **asdict(video.report),
             "bits_per_pixel": _bits_per_pixel(video),

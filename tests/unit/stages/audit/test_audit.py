@@ -57,6 +57,14 @@ def test_a_good_measurement_is_not_refused(seed):
     assert found["scale"].outcome == Outcome.CAUTION or found["scale"].value <= 0.05
 
 
+def test_points_of_one_motion_agree_on_the_clocks():
+    # A sample at an end, where the two lags had different ones, once made a point disagree with its own best lag.
+    run = good_run(11)
+    aligned = measured(run.session, run.tracks, run.solution).aligned
+    assert aligned["clock_status"].values.tolist() == ["ok", "ok"]
+    assert abs(aligned["clock_offset"].values[1] - run.conditions.time_offset_s) < 1e-3
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found_by_the_right_check(fault):
     assert found_by_the_right_check(fault, 1)

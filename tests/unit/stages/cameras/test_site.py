@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 
+from faults import GOOD
+from measurements import simulate
 from simulation import SIZE, gain_error, placed_cameras, project_all, site_trial
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
@@ -210,6 +212,10 @@ class TestStructuralAxes:
             suspects += adjustment.suspects
         assert abs(np.mean(pulls)) < 2 / np.sqrt(len(pulls))
         assert not suspects
+
+    def test_a_distance_that_nobody_could_measure_stops_no_search(self):
+        # From one of its starts the perpendicular distance of this site passes zero on the way.
+        assert simulate(56, **GOOD).solution.status == CameraStatus.OK
 
     def test_an_unread_level_is_noted(self):
         trial = site_trial(np.random.default_rng(10))

@@ -60,6 +60,17 @@ def test_frames_in_place_of_lost_ones_are_marked():
     np.testing.assert_array_equal(found.tracks["time"], time_s)
 
 
+def test_frames_that_hold_the_noise_of_those_before_are_marked_whatever_the_motion():
+    time_s = np.arange(240) / 30
+    still = tracks_of(np.zeros(240), time_s, same_noise=False)
+    found = check_frames(still, alike=(34, 150))
+    assert found.facts["repeated"] == 2
+    assert "2 frames repeat the one before" in found.facts["doubts"][0]
+    marked = np.flatnonzero((found.tracks["status"] == Status.UNRELIABLE).all("point"))
+    assert marked.tolist() == [34, 150]
+    assert check_frames(still.isel(time=slice(8)), alike=(3,)).facts["repeated"] == 1
+
+
 @pytest.mark.parametrize("missing", [2, 3, 5])
 def test_frames_lost_behind_even_stamps_are_named(missing):
     true_s = np.arange(240) / 30
@@ -67,6 +78,34 @@ def test_frames_lost_behind_even_stamps_are_named(missing):
     found = check_frames(tracks_of(shown, true_s[: len(shown)]))
     assert found.facts["skipped"] >= 1
     assert "all points jump at once at 3.33 s" in found.facts["doubts"][0]
+
+
+@pytest.mark.parametrize("missing", [2, 3, 5])
+@pytest.mark.parametrize("hertz", [(1.5, 3.3), (3.7, 5.9)])
+def test_frames_lost_where_the_step_is_no_larger_than_others_are_named(missing, hertz):
+    true_s = np.arange(240) / 30
+    shown = np.delete(true_s, np.arange(104, 104 + missing))
+    rng = np.random.default_rng(4)
+    position = 2.0 * np.sin(2 * np.pi * np.outer(shown, hertz)) @ rng.uniform(0.5, 1, (2, 6))
+    tracks = tracks_of(shown, true_s[: len(shown)], points=3)
+    tracks["position"][:] = (position + rng.normal(0, NOISE_PX, position.shape)).reshape(-1, 3, 2)
+    found = check_frames(tracks)
+    assert found.facts["skipped"] == 1
+    assert "at 3.47 s" in found.facts["doubts"][0]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_impacts_on_what_vibrates_are_no_missing_frames(seed):
+    time_s = np.arange(240) / 30
+    rng = np.random.default_rng(seed)
+    hertz, shapes = rng.uniform(1.2, 6, 2), rng.uniform(-1, 1, (2, 6))
+    position = np.sin(2 * np.pi * np.outer(time_s, hertz)) @ shapes
+    for at in rng.uniform(2, 7, 3):
+        since = np.maximum(time_s - at, 0)
+        position += np.sin(2 * np.pi * np.outer(since, hertz)) * rng.uniform(-2, 2, 2) @ shapes
+    tracks = tracks_of(time_s, time_s, points=3)
+    tracks["position"][:] = (position + rng.normal(0, NOISE_PX, position.shape)).reshape(-1, 3, 2)
+    assert check_frames(tracks).facts["skipped"] == 0
 
 
 def test_one_slipping_point_is_no_missing_frame():

@@ -12,6 +12,7 @@ from vfm_sdm.errors import SessionError
 from vfm_sdm.stages.registration.designs import Warp
 from vfm_sdm.stages.registration.subsets import SubsetBank
 from vfm_sdm.stages.tracking.design import samples
+from vfm_sdm.stages.tracking.design.belief import _is_sure
 from vfm_sdm.stages.tracking.design.coarse import coarse_motion
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.subset_design import describe_subsets, design_subsets
@@ -133,6 +134,25 @@ class TestEdges:
         assert choice.design.warp == Warp.EDGE
         assert track_error(video, choice, SWAY) < 0.03
 
+    @pytest.mark.parametrize("turn_deg", [0, 45])
+    def test_an_edge_of_many_grey_levels_is_an_edge(self, turn_deg):
+        turn = np.radians(turn_deg)
+        columns, rows = np.meshgrid(*[np.arange(SIZE) - MIDDLE] * 2)
+        away = columns * np.cos(turn) + rows * np.sin(turn)
+        # Moved exactly, and without noise: what is left is rounding.
+        shifts = SWAY @ [np.cos(turn), np.sin(turn)]
+        frames = [digitize(20 + 215 / (1 + np.exp(-(away - s) / 0.8)), dtype=np.uint16, scale=257.0) for s in shifts]
+        choice = choose(memory_video(frames, fps=20.0))
+        assert choice.status == PointStatus.OK
+        assert choice.design.warp == Warp.EDGE
+        assert np.abs(choice.design.across @ [np.cos(turn), np.sin(turn)]) == pytest.approx(1, abs=1e-3)
+
+    def test_motion_along_what_shows_nothing_is_not_sure_where_rounding_leaves_a_singular_matrix(self):
+        covariance = np.full((2, 2), 5e3)
+        along, across = np.array([[3.0, 3.0]]), np.array([[3.0, -3.0]])
+        assert not _is_sure(along, covariance)
+        assert _is_sure(across, covariance)
+
 
 class TestLight:
     """Light that moves is no motion, and what it does to the brightness is taken out where it shows."""
@@ -240,6 +260,24 @@ class TestTwoMotions:
         assert choice.design.warp == Warp.EDGE
         assert abs(choice.design.across[0]) > 0.98
         assert choice.believed < 0.3
+
+    @pytest.mark.parametrize("period", [26, 34])
+    def test_joints_of_a_wall_behind_balusters_do_not_tell_their_motion(self, period):
+        rows, columns = np.arange(SIZE)[:, None] + 0 * np.arange(SIZE), 0 * np.arange(SIZE)[:, None] + np.arange(SIZE)
+        wall = gaussian_filter(np.where(rows % 13 < 3, 125.0, 100.0), 0.7)
+        railing = gaussian_filter((((columns - MIDDLE + 4) % period) < 8).astype(float), 0.7)
+        # What moves sideways as a railing does: a wall that stands still agrees with it along every joint.
+        sideways = np.stack([SWAY[:, 1], 0 * SWAY[:, 1]], axis=1)
+        video = film([(wall, EVERYWHERE, STILL), (np.full((SIZE, SIZE), 85.0), railing, 0.3 * sideways)], noise=2.5)
+        choice = choose(video, subset_px=61)
+        assert choice.design.warp == Warp.EDGE
+        assert abs(choice.direction[0]) > 0.99
+        assert (track_error(video, choice, 0.3 * sideways) < 0.08).all()
+
+    def test_texture_in_both_directions_that_moves_in_one_is_measured_in_both(self):
+        upwards = np.stack([0 * SWAY[:, 1], SWAY[:, 1]], axis=1)
+        choice = choose(film([(texture(4, contrast=12), EVERYWHERE, upwards)], noise=3.0))
+        assert choice.design.warp != Warp.EDGE
 
     def test_two_layers_that_both_move_are_told_apart(self):
         other = 0.8 * SWAY[:, ::-1]

@@ -156,8 +156,10 @@ def is_distinct(first: FloatArray, second: FloatArray) -> bool:
 
 def _is_sure(difference: FloatArray, covariance: FloatArray) -> bool:
     """Whether motions (K, 2) [px] stand out of noise of this covariance (2, 2) [px2]."""
-    squares = np.einsum("ki,ij,kj->k", difference, np.linalg.inv(covariance), difference)
-    return bool(np.mean(squares) > SURE**2)
+    variances, axes = np.linalg.eigh(covariance)
+    # Where one direction is known and the other is not, rounding may leave a singular matrix, or a negative variance.
+    variances = np.maximum(variances, np.finfo(np.float64).eps * max(variances[-1], 1.0))
+    return bool(np.mean(np.sum((difference @ axes) ** 2 / variances, axis=1)) > SURE**2)
 
 
 def _find_common(window: Window, motion: FloatArray, noise: Image, steady: BoolArray) -> list[FloatArray]:

@@ -11,16 +11,20 @@ from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign
 from vfm_sdm.stages.registration.determined_warps import LINEAR_STD
 from vfm_sdm.stages.tracking.design.belief import Belief, find_belief
 from vfm_sdm.stages.tracking.design.coarse import coarse_motion
-from vfm_sdm.stages.tracking.design.information import find_false_corners, find_near_edge, square_std, std_around
+from vfm_sdm.stages.tracking.design.information import (
+    USABLE_STD_PX,
+    find_false_corners,
+    find_near_edge,
+    square_std,
+    std_around,
+)
 from vfm_sdm.stages.tracking.design.trial import Trial
 from vfm_sdm.stages.tracking.design.window import Window
 
-__all__ = ["MARGIN_PX", "SIZES_PX", "USABLE_STD_PX", "SubsetChoice", "choose_subset"]
+__all__ = ["MARGIN_PX", "SIZES_PX", "SubsetChoice", "choose_subset"]
 
 SIZES_PX = (41, 61, 81, 101)
 """Sides that are tried where the user names none, from small and clear to large and calm [px]."""
-USABLE_STD_PX = 0.1
-"""Standard deviation of one frame up to which a direction is measured [px]; beyond it trackers say ``unreliable``."""
 _GOOD_STD_PX = 0.01
 """A codec's errors alone are as large [px]: nothing is gained by a larger subset (decision record 008)."""
 _WORTH = 0.8

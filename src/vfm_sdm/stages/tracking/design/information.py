@@ -8,8 +8,10 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.stages.tracking.design.belief import DISTINCT_PX, SURE, Belief, is_distinct
 from vfm_sdm.stages.tracking.design.window import SLOW_PX, Image, Window, kept_noise, noise_of_gradients, soften
 
-__all__ = ["find_false_corners", "find_near_edge", "square_std", "std_around"]
+__all__ = ["USABLE_STD_PX", "find_false_corners", "find_near_edge", "square_std", "std_around"]
 
+USABLE_STD_PX = 0.1
+"""Standard deviation of one frame up to which a direction is measured [px]; beyond it trackers say ``unreliable``."""
 _RIM_PX = 3.0
 """Width of the rim along what moves otherwise, in which two surfaces mix [px]: their blur, and the area that votes."""
 _NORMAL_PX = 2.0
@@ -19,6 +21,9 @@ _TOLD = 0.7
 """Share of an edge's information that makes a pixel part of it, the strongest pixels first."""
 _BESIDE_PX = 2 * SLOW_PX
 """Further from an edge than this the light is another [px]."""
+_AS_SURE = 0.5
+"""Share of what tells the motion across that is seen to move with the point, over that of what tells it along: with one
+texture they are alike, with lines of two surfaces across each other one of them is near zero."""
 _UNKNOWN_PX = 10.0
 """Standard deviation from which on a direction counts as unknown [px]."""
 
@@ -51,18 +56,42 @@ def square_std(window: Window, belief: Belief, part: BoolArray) -> tuple[FloatAr
     A direction of which the point's nearest surroundings say nothing is told by others only where they are seen to move
     along it, too, or where nothing moves at all: a post that moves sideways before a still wall shares no motion with
     the wall's joints, even if nothing contradicts them. Where the air moves the wall, they are to move beyond it.
+
+    Lines that run along the motion agree with standing still as well. Where they are most of what tells the motion
+    across it, as the joints of a wall between balusters are, they may be another surface: only what is seen to move
+    counts.
     """
-    covariance = _part_covariance(window, belief, part & belief.believed)
+    believed = part & belief.believed
+    covariance = _part_covariance(window, belief, believed)
     values, axes = np.linalg.eigh(covariance)
     std = np.sqrt(np.maximum(values, 0.0))
     core = window.radius2 <= max(_CORE * belief.radius_px, _LEAST_CORE_PX) ** 2
-    near = _part_covariance(window, belief, part & belief.believed & core)
+    near = _part_covariance(window, belief, believed & core)
     along = [(belief.motion - rest) @ axes[:, 1] for rest in belief.rest]
     shared = min(np.sqrt(np.mean(one**2)) for one in along) > max(DISTINCT_PX, SURE * std[1])
-    nothing_moves = not is_distinct(belief.motion, 0 * belief.motion) and not (belief.against & part).any()
-    if not (shared or nothing_moves):
+    moves = is_distinct(belief.motion, 0 * belief.motion)
+    if not shared and (moves or (belief.against & part).any()):
         std[1] = max(std[1], float(np.sqrt(axes[:, 1] @ near @ axes[:, 1])))
+    if moves and std[1] <= USABLE_STD_PX:
+        moving = _part_covariance(window, belief, believed & belief.supporting)
+        if _crosses_lines(belief, covariance, moving):
+            values, axes = np.linalg.eigh(moving)
+            std = np.array([np.sqrt(max(values[0], 0.0)), np.inf])
     return np.where(std < _UNKNOWN_PX / 2, std, np.inf), axes.T.copy()
+
+
+def _crosses_lines(belief: Belief, covariance: FloatArray, moving: FloatArray) -> bool:
+    """Whether a point moves along one line only, and what tells its motion across it is not seen to move with it.
+
+    Covariances (2, 2) [px2] of all that is believed, and of what is seen to move.
+    """
+    moments = [np.linalg.eigh((belief.motion - rest).T @ (belief.motion - rest)) for rest in belief.rest]
+    squares, directions = min(moments, key=lambda one: float(one[0][0]))
+    if squares[0] > len(belief.motion) * DISTINCT_PX**2:
+        return False
+    told = [np.einsum("ia,ij,ja->a", directions, np.linalg.inv(one), directions) for one in (moving, covariance)]
+    across, along = told[0] / told[1]
+    return bool(across < _AS_SURE * along)
 
 
 def _part_covariance(window: Window, belief: Belief, chosen: BoolArray) -> FloatArray:
@@ -77,8 +106,10 @@ def _part_covariance(window: Window, belief: Belief, chosen: BoolArray) -> Float
     told = told - told.mean(axis=1, keepdims=True)
     values, axes = np.linalg.eigh(told @ told.T)
     scatter = np.einsum("in,jn,n->ij", axes.T @ told, axes.T @ told, noise)
+    # A direction in which the picture does not change at all is unknown; its scatter of nothing is no certainty.
+    scatter[np.diag_indices(2)] = np.maximum(np.diag(scatter), 1e-9)
     # An unknown direction has a large variance, not an infinite one, which would drown the other in rounding.
-    least = np.sqrt(2 / kept_noise() * np.maximum(np.diag(scatter), 1e-9)) / _UNKNOWN_PX
+    least = np.sqrt(2 / kept_noise() * np.diag(scatter)) / _UNKNOWN_PX
     true = np.maximum(values - noise_of_gradients() * quiet.sum(), least)
     return np.asarray(axes @ (2 / kept_noise() * scatter / np.outer(true, true)) @ axes.T)
 

@@ -24,6 +24,7 @@ SOFT_PX = 0.6
 """Standard deviation of the Gaussian that takes the frequencies which no interpolation renders out of an image [px]."""
 SLOW_PX = 7.0
 """Standard deviation of the Gaussian that leaves what changes as slowly over an image as light does [px]."""
+_LEVELS = 255
 _BLOCK_PX = 9
 """Side of the blocks that are held to move as one."""
 _ROUNDING = 1 / 12
@@ -74,7 +75,8 @@ class Window:
     """
 
     def __init__(self, frames: LumaArray) -> None:
-        raw = frames.astype(np.float32)
+        # All constants are in grey levels of 8 bits; and products of finer ones exceed what float32 resolves.
+        raw = frames.astype(np.float32) * np.float32(_LEVELS / np.iinfo(frames.dtype).max)
         # Brightness that all of a frame shares is nobody's motion.
         raw -= np.median(raw - raw[0], axis=(1, 2), keepdims=True)
         self.soft = np.stack([soften(frame, SOFT_PX) for frame in raw])
@@ -112,7 +114,8 @@ class Window:
         gu, gv = self.gradient
         uu, uv, vv = local_mean(gu * gu), local_mean(gu * gv), local_mean(gv * gv)
         little = np.float32(noise_of_gradients() * _ROUNDING)
-        determinant = (uu + little) * (vv + little) - uv * uv
+        # Of (uu + little) (vv + little) - uv uv, at an edge of many grey levels rounding leaves nothing.
+        determinant = np.maximum(uu * vv - uv * uv, 0) + little * (uu + vv + little)
         further = np.zeros((self.count, 2, *gu.shape), np.float32)
         rows, columns = np.indices(gu.shape, np.float32)
         left = np.zeros_like(gu)
@@ -176,7 +179,7 @@ class Window:
         # Noise has gradients, too: they are as many as the noise, and tell nothing.
         true = values - noise_of_gradients() * float(weights[part].sum())
         variance = 2 / kept_noise() * np.maximum(values, 1e-12) / np.maximum(true, 1e-6) ** 2
-        variance = np.minimum(variance, _UNKNOWN_PX**2)
+        variance = np.where(true > 0, np.minimum(variance, _UNKNOWN_PX**2), _UNKNOWN_PX**2)
         usable = (variance < _USABLE_PX**2) & (true > _WEAKEST * true[-1])
         solve = (axes * np.where(usable, 1 / np.maximum(values, 1e-12), 0.0)) @ axes.T @ (free * weight)
         motion = start.copy()

@@ -1,0 +1,109 @@
+"""Frames that show the picture before them once more, as the noise of the pictures tells it."""
+
+from array import array
+
+import numpy as np
+import numpy.typing as npt
+
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+
+__all__ = ["FrameChanges", "find_alike"]
+
+_PIXELS = 65_536
+"""Pixels that are compared: shares of them are known to less than a percent."""
+_LEAST_STEP = 8
+_FEWEST = 12
+_ABOUT = 7
+"""Frames to each side that say what is usual: half a second."""
+_USUAL = 0.8
+"""Quantile of the changes about a frame that is usual: most of the frames of a converted rate may be repeated."""
+_UNCHANGED = 0.5
+"""Share of the pixels from which on frames do not change: where that is usual, an encoder passes still parts on."""
+_CHANGE = 0.35
+"""Share of the usual change (rms) below which a frame may repeat the one before: noise of an eighth of the power."""
+_PIXELS_CHANGED = 0.5
+"""Share of the pixels that usually change below which a frame may repeat the one before."""
+
+_OWN = 0.75
+"""Share of the pixels that usually change from which on a frame is clearly one of its own."""
+
+_CHANCE = 25
+"""One over the chance from which on an even distance is none: the odds that random gaps are multiples of a number."""
+
+
+class FrameChanges:
+    """How much each frame of a pass differs from the one before, on rows spread over the picture."""
+
+    def __init__(self) -> None:
+        self._previous: npt.NDArray[np.float32] | None = None
+        self._rms, self._changed = array("d"), array("d")
+
+    def add(self, luma: LumaArray) -> None:
+        """Takes the next frame.
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        """
+        step = max(_LEAST_STEP, -(-luma.size // _PIXELS))
+        rows = luma[step // 2 :: step].astype(np.float32)
+        if self._previous is not None and self._previous.shape == rows.shape:
+            change = (rows - self._previous).ravel()
+            self._rms.append(float(np.sqrt(change @ change / max(change.size, 1))))
+            self._changed.append(np.count_nonzero(change) / max(change.size, 1))
+        self._previous = rows
+
+    def alike(self) -> IntArray:
+        """Numbers of the frames that show the one before once more, from 0; see `find_alike`."""
+        return find_alike(np.array(self._rms), np.array(self._changed))
+
+
+def find_alike(rms: FloatArray, changed: FloatArray) -> IntArray:
+    """Frames that hold the noise of the frame before, not their own.
+
+    Parameters
+    ----------
+    rms
+        Root mean square change into each frame but the first, shape (T - 1,) [grey levels].
+    changed
+        Share of the pixels that change, shape (T - 1,) [1].
+
+    Returns
+    -------
+    frames
+        Their numbers, from 0, of T.
+
+    Notes
+    -----
+    Noise is new in each frame, so that two frames differ by it even where nothing moves; a frame that is stored twice
+    differs by what the codec made of it. Two things must come together: the change is a third of the usual one about
+    the frame, and half as many pixels as usual change. Where most
+    pixels usually stay as they are, as in films of low bit rate, whose encoders pass still blocks on, or without noise,
+    nothing can be told; nor where as many frames lie between, because some kinds of frames are passed on in large part;
+    nor from frames an even distance apart, which may be of a kind that an encoder passes on (motion tells those that a
+    conversion of the rate put in, `vfm_sdm.stages.tracking.frame_clock`).
+
+    Examples
+    --------
+    >>> rms, changed = np.full(60, 3.0), np.full(60, 0.9)
+    >>> rms[20], changed[20] = 0.4, 0.2
+    >>> find_alike(rms, changed).tolist()
+    [21]
+    """
+    none = np.zeros(0, np.int64)
+    if len(rms) < _FEWEST:
+        return none
+    level = np.log(np.maximum(rms, 1e-3))
+    padded = [np.pad(series, _ABOUT, constant_values=np.nan) for series in (level, changed)]
+    windows = [np.lib.stride_tricks.sliding_window_view(one, 2 * _ABOUT + 1) for one in padded]
+    usual_level, usual_changed = (np.nanquantile(window, _USUAL, axis=1) for window in windows)
+    sees_noise = usual_changed > 1 - _UNCHANGED
+    share = np.divide(changed, usual_changed, out=np.ones_like(changed), where=sees_noise)
+    found = (share < _PIXELS_CHANGED) & (level < usual_level + np.log(_CHANGE))
+    # Between a repeat and a frame of its own lies nothing, but where an encoder passes on more or less of the pictures.
+    if np.count_nonzero((share < _OWN) & ~found) >= np.count_nonzero(found):
+        return none
+    frames = np.flatnonzero(found) + 1
+    even = int(np.gcd.reduce(np.diff(frames))) if len(frames) > 1 else 1
+    return none if even ** (len(frames) - 1) > _CHANCE else frames
