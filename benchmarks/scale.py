@@ -136,7 +136,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args(arguments)
     names = ("inside", "inside_or_flagged", "flagged", "care_though_inside", "culprit_right", "among_named", "named")
-    print(f"{'prior of the lenses':20s}  {'draws':>5s}" + "".join(f"  {name:>18s}" for name in names))
+    widths = [max(len(name), 7) for name in names]
+    heads = "".join(f"  {name:>{width}s}" for name, width in zip(names, widths, strict=True))
+    print(f"{'prior of the lenses':20s}  {'draws':>5s}{heads}")
     summary: dict[str, object] = {"pairs": options.draws, "processors": os.cpu_count()}
     cpu_s = []
     for prior in options.priors:
@@ -156,7 +158,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             np.mean([bool(d.culprits) for d in found]),
         )
         cpu_s += [d.cpu_s for d in found]
-        print(f"{prior:20s}  {len(found):5d}" + "".join(f"  {share:18.3f}" for share in shares), flush=True)
+        row = "".join(f"  {share:{width}.3f}" for share, width in zip(shares, widths, strict=True))
+        print(f"{prior:20s}  {len(found):5d}{row}", flush=True)
         summary[prior] = {f"{name}_share": float(share) for name, share in zip(names, shares, strict=True)}
     summary["cpu_mean_s"] = float(np.mean(cpu_s))
     print(json.dumps(summary))
