@@ -102,6 +102,9 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
     now, noise = start, 1.0
     for _ in range(_NOISE_ROUNDS):
         now = _converge(now, clip, noise)
+        if now.shared[3] < 0:
+            # Lever and nearness tell their product: with both signs turned round the scene lies before the camera.
+            now = _converge(now.mirrored(), clip, noise)
         found = _estimate_noise(now, clip, noise)
         known, noise = abs(found / noise - 1) < _NOISE_KNOWN, found
         if known:

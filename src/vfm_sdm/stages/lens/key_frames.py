@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
+from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.inputs.video import Frame
 from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features, to_eight_bit
 
@@ -20,6 +22,7 @@ _LEAST_CORNERS = 12
 _STEP = 0.12
 """Motion between key frames, over the longer side of the picture: eight of them see a place that crosses it."""
 _MOST = 48
+_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +33,53 @@ class ClipMotion:
     ----------
     time_s
         Shape (F,) [s].
-    rate
-        Motion of the picture's centre [px/s] along u and v, and its rotation [rad/s], shape (F, 3); NaN where the picture
-        could not be followed.
+    steps
+        Corners in each frame but the last and where they are in the next, F - 1 arrays of shape (2, N, 2) [px]; empty where
+        nothing can be followed.
     """
 
     time_s: FloatArray
-    rate: FloatArray
+    steps: tuple[FloatArray, ...]
+
+    @property
+    def speed(self) -> FloatArray:
+        """Motion of the corners of each frame, shape (F,) [px/s]; NaN where the picture could not be followed."""
+        moved = np.array(
+            [np.median(np.linalg.norm(two[1] - two[0], axis=1)) if two.size else np.nan for two in self.steps]
+        )
+        step = moved / np.diff(self.time_s)
+        # A frame's speed is the mean of the steps to it and from it; at the ends there is one.
+        return np.asarray(np.stack([np.append(step[:1], step), np.append(step, step[-1:])]).mean(axis=0))
+
+    def turn_rates(self, numbers: IntArray, camera: Camera) -> FloatArray:
+        """Rates of rotation in the camera's axes, shape (K, 3) [rad/s].
+
+        Parameters
+        ----------
+        numbers
+            Numbers of K frames, shape (K,).
+        camera
+            Approximate intrinsics.
+        """
+        rates = []
+        for number in numbers.tolist():
+            about = [step for step in (number - 1, number) if 0 <= step < len(self.steps) and self.steps[step].size]
+            turns = [self._turn(step, camera) / (self.time_s[step + 1] - self.time_s[step]) for step in about]
+            rates.append(np.mean(turns, axis=0) if turns else np.zeros(3))
+        return np.array(rates)
+
+    def _turn(self, step: int, camera: Camera) -> FloatArray:
+        """Rotation vector (3,) [rad] of one step, by the corners that agree."""
+        slopes = camera.normalize(self.steps[step])
+        rays = np.concatenate([slopes, np.ones((*slopes.shape[:2], 1))], axis=2)
+        rays = rays[:, np.isfinite(rays).all(axis=(0, 2))]
+        rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+        weights = np.ones(rays.shape[1])
+        for _ in range(_ROUNDS):
+            turn = Rotation.align_vectors(rays[1], rays[0], weights=weights)[0]
+            error = np.linalg.norm(rays[1] - turn.apply(rays[0]), axis=1)
+            weights = 1 / np.maximum(error, max(float(np.median(error)), 1e-9))
+        return np.asarray(turn.as_rotvec())
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,44 +116,32 @@ def follow_clip(frames: Iterable[Frame]) -> ClipMotion:
     .. [1] Bouguet, J.-Y. (2000). Pyramidal implementation of the Lucas Kanade feature tracker. Intel Corporation.
     """
     times: list[float] = []
-    moves: list[FloatArray] = []
+    steps: list[FloatArray] = []
     before: npt.NDArray[np.uint8] | None = None
-    scale = 1.0
     for frame in frames:
         luma = to_eight_bit(frame.luma)
         scale = min(1.0, _LOOK_SIDE_PX / max(luma.shape))
         size = (round(luma.shape[1] * scale), round(luma.shape[0] * scale))
         now: npt.NDArray[np.uint8] = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.uint8)
         if before is not None:
-            moves.append(_motion(before, now))
+            # Pixels are counted from their centres: (u + 1/2) keeps its ratio, not u.
+            steps.append((_follow(before, now) + 0.5) * (np.array(luma.shape[::-1]) / size) - 0.5)
         times.append(frame.time_s)
         before = now
-    time_s = np.array(times)
-    rate = np.full((len(times), 3), np.nan)
-    if len(times) > 1:
-        step = np.array(moves) / np.diff(time_s)[:, None]
-        step[:, :2] /= scale
-        # A frame's rate is the mean of the steps to it and from it; at the ends there is one.
-        rate = np.stack([np.vstack([step[:1], step]), np.vstack([step, step[-1:]])]).mean(axis=0)
-    return ClipMotion(time_s, rate)
+    return ClipMotion(np.array(times), tuple(steps))
 
 
-def _motion(before: npt.NDArray[np.uint8], now: npt.NDArray[np.uint8]) -> FloatArray:
-    """Shift of the centre [px of these pictures] and rotation [rad], shape (3,); NaN where nothing can be followed."""
-    lost = np.full(3, np.nan)
+def _follow(before: npt.NDArray[np.uint8], now: npt.NDArray[np.uint8]) -> FloatArray:
+    """Corners in both pictures, shape (2, N, 2) [px of these pictures]; none where too few can be followed."""
+    none = np.zeros((2, 0, 2))
     corners = cv2.goodFeaturesToTrack(before, _CORNERS, _CORNER_QUALITY, _CORNER_APART_PX)
     if corners is None or len(corners) < _LEAST_CORNERS:
-        return lost
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, corners, None)
+        return none
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, corners, None)  # type: ignore[call-overload]
     kept = np.asarray(found).ravel() == 1
     if kept.sum() < _LEAST_CORNERS:
-        return lost
-    similarity, _ = cv2.estimateAffinePartial2D(corners.reshape(-1, 2)[kept], moved.reshape(-1, 2)[kept])
-    if similarity is None:
-        return lost
-    centre = (np.array(before.shape[::-1]) - 1) / 2
-    shift = similarity[:, :2] @ centre + similarity[:, 2] - centre
-    return np.array([*shift, np.arctan2(similarity[1, 0], similarity[0, 0])])
+        return none
+    return np.stack([corners.reshape(-1, 2)[kept], moved.reshape(-1, 2)[kept]]).astype(np.float64)
 
 
 def choose_key_frames(motion: ClipMotion, image_size: tuple[int, int]) -> IntArray:
@@ -131,16 +162,14 @@ def choose_key_frames(motion: ClipMotion, image_size: tuple[int, int]) -> IntArr
 
     Examples
     --------
-    >>> time_s = np.arange(300) / 30
-    >>> steady = ClipMotion(time_s, np.tile([400.0, 0.0, 0.0], (300, 1)))
+    >>> corners = np.random.default_rng(0).uniform(0, 1000, (20, 2))
+    >>> steady = ClipMotion(np.arange(300) / 30, tuple(np.stack([corners, corners + [13.0, 0.0]]) for _ in range(299)))
     >>> numbers = choose_key_frames(steady, (1920, 1080))
-    >>> len(numbers), set(np.diff(numbers).tolist()) <= {16, 17, 18}
-    (18, True)
+    >>> len(numbers), set(np.diff(numbers).tolist()) <= {17, 18}
+    (17, True)
     """
     longer = max(image_size)
-    rate = motion.rate.copy()
-    rate[:, 2] *= longer / 2
-    speed = np.linalg.norm(rate, axis=1)
+    speed = motion.speed
     known = np.isfinite(speed)
     if len(speed) < 2 or not known.any():
         return np.zeros(0, np.intp)

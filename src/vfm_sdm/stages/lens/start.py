@@ -44,7 +44,8 @@ def search_focal(keys: KeyFrames, pairs: list[Pair], image_size: tuple[int, int]
         rows = pair.rows if len(pair.rows) <= _SAMPLE else rng.permutation(pair.rows)[:_SAMPLE]
         chosen.append((keys.features[pair.first].points[rows[:, 0]], keys.features[pair.second].points[rows[:, 1]]))
     cost = [
-        sum(np.minimum(_errors(a, b, centre, focal)[1], _TRUNCATED * longer).sum() for a, b in chosen) for focal in focals
+        sum(np.minimum(_errors(a, b, centre, focal)[1], _TRUNCATED * longer).sum() for a, b in chosen)
+        for focal in focals
     ]
     return float(focals[int(np.argmin(cost))])
 

@@ -108,6 +108,11 @@ class TurningCamera:
             self.nearness + points[:, 2],
         )
 
+    def mirrored(self) -> "TurningCamera":
+        """The same picture of a scene on the other side: lever and nearness with the other sign."""
+        shared = self.shared * np.array([-1.0, -1.0, -1.0, -1.0, 1.0])
+        return replace(self, shared=shared, nearness=-self.nearness)
+
     def residuals(self, seen: Sightings) -> FloatArray:
         """Seen minus predicted pixels, shape (N, 2) [px]."""
         return seen.pixel - self._project(self._rays(seen)[0])

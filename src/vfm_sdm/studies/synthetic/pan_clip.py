@@ -113,7 +113,9 @@ class _Facade:
         across = np.array([np.cos(self.azimuth), 0.0, -np.sin(self.azimuth)])
         normal = np.array([np.sin(self.azimuth), 0.0, np.cos(self.azimuth)])
         toward = rays @ normal
-        reach = np.where(toward > 0.05, (self.distance - center @ normal) / np.where(toward > 0.05, toward, 1.0), np.inf)
+        reach = np.where(
+            toward > 0.05, (self.distance - center @ normal) / np.where(toward > 0.05, toward, 1.0), np.inf
+        )
         with np.errstate(invalid="ignore"):
             along = center @ across + reach * (rays @ across)
             down = center[1] + reach * rays[..., 1]
