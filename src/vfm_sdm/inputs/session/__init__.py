@@ -3,8 +3,9 @@
 from vfm_sdm.core.files import file_hash
 from vfm_sdm.inputs.session.exif import lens_from_exif
 from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
+from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
-from vfm_sdm.inputs.session.model import Chessboard, Lens, Point, Sensor, Session, View
+from vfm_sdm.inputs.session.model import Chessboard, Point, Sensor, Session, View
 from vfm_sdm.inputs.session.recordings import FirstFrames, input_files, open_views, pixel_aspect, quiet_frames
 from vfm_sdm.inputs.session.site import Length, Level, Measured, Range, Readings, Site
 

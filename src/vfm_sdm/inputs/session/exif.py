@@ -7,7 +7,7 @@ from PIL import Image, UnidentifiedImageError
 from PIL.ExifTags import IFD, Base
 
 from vfm_sdm.errors import SessionError
-from vfm_sdm.inputs.session.model import Lens
+from vfm_sdm.inputs.session.lens import Lens
 
 __all__ = ["lens_from_exif"]
 

@@ -2,7 +2,7 @@
 
 import heapq
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import av
@@ -71,7 +71,21 @@ def open_stream(path: Path, *, threads: bool = True) -> Iterator[tuple[av.contai
             video.thread_type = "AUTO"
         else:
             video.thread_count = 1
-        yield container, video
+        try:
+            yield container, video
+        finally:
+            _finish(video.codec_context)
+
+
+def _finish(decoder: av.VideoCodecContext) -> None:
+    """Waits until the decoder's threads are idle.
+
+    One that has something to log asks for the interpreter's lock, which whoever frees the decoder holds while it waits
+    for the threads.
+    """
+    if decoder.is_open:
+        with suppress(av.FFmpegError):
+            decoder.decode(None)
 
 
 def read_pictures(path: Path) -> Generator[av.VideoFrame]:

@@ -11,9 +11,9 @@ from vfm_sdm.inputs.session import Level, Measured, Readings, Site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.matching.matches import Matches
 
-__all__ = ["Confusion", "Statements", "list_confusions", "with_poses"]
+__all__ = ["FREE_STD", "Confusion", "Statements", "list_confusions", "with_poses"]
 
-_FREE_STD = 0.5
+FREE_STD = 0.5
 """Standard deviation of rotations [rad] and translations [m] above which a prior leaves a pose free."""
 _UNITS = ((1e-3, "in millimetres"), (0.3048, "in feet"), (1e3, "in kilometres, or divided by 1000 once too often"))
 _LEAST_STD = 0.003
@@ -40,7 +40,7 @@ class Statements:
         if len(self.rig) != 2 or self.rig.covariance is None or not self.matches:
             return False
         std = np.sqrt(np.diag(self.rig.covariance))[len(CAMERA_PARAMETERS) + 4 :]
-        return bool((std >= _FREE_STD).all())
+        return bool((std >= FREE_STD).all())
 
 
 @dataclass(frozen=True, eq=False)

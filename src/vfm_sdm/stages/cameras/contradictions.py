@@ -17,7 +17,7 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Lens
 from vfm_sdm.stages.cameras.confusions import Statements, list_confusions, with_poses
-from vfm_sdm.stages.cameras.culprits import CULPRIT_STD, Claim, Suspect, advise_on_lens, list_suspects
+from vfm_sdm.stages.cameras.culprits import AS_PROBABLE, CULPRIT_STD, Claim, Suspect, advise_on_lens, list_suspects
 from vfm_sdm.stages.cameras.match_cells import MatchNoise
 from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
@@ -41,8 +41,6 @@ _RANSAC_STEPS = 1000
 """Half of the matches may be wrong: 145 samples of five hold a right one in 99 of 100 cases."""
 _PER_VALUE = 4.0
 """Cost of each value that is left open: the logarithm of about sixty independent observations."""
-_AS_PROBABLE = 4.0
-"""Difference of two costs below which the data hardly tell two culprits apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +127,7 @@ def explain_contradiction(
             adjusted = again
     if not explained:
         return adjusted
-    named = [_suspect(one, base, lenses or {}) for one in solved if one.score < solved[0].score + _AS_PROBABLE]
+    named = [_suspect(one, base, lenses or {}) for one in solved if one.score < solved[0].score + AS_PROBABLE]
     before = [one.sentence(adjusted.suspects[1:]) for one in adjusted.suspects[:1]]
     notes = [note for note in adjusted.notes if note not in before]
     return replace(adjusted, suspects=tuple(named), notes=(*notes, named[0].sentence(named[1:])))

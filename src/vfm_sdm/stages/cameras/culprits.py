@@ -20,10 +20,12 @@ from scipy.stats import chi2, norm
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.inputs.session import Lens
 
-__all__ = ["CULPRIT_STD", "Claim", "Suspect", "advise_on_lens", "list_suspects", "name_confusions"]
+__all__ = ["AS_PROBABLE", "CULPRIT_STD", "Claim", "Suspect", "advise_on_lens", "list_suspects", "name_confusions"]
 
 CULPRIT_STD = 4.0
 """Standard deviations from which a claim is named as wrong: by chance one of 15 in a run of a thousand."""
+AS_PROBABLE = 4.0
+"""Difference of two drops of the cost below which the data hardly tell two culprits apart."""
 _LEAST_REDUNDANCY = 0.01
 """Share of a claim that the others must check for it to be tested."""
 _ALIKE = 0.1

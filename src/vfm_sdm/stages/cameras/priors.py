@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.statuses import CameraStatus
@@ -42,9 +43,9 @@ class CameraPriors:
         Names of the views.
     cameras
         Intrinsics and distortion of each; their poses have no meaning.
-    intrinsics_std
-        Standard deviations of the first four of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, in their units, shape
-        (V, 4).
+    intrinsics_covariance
+        Covariance of the first four of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, in their units, of each view, shape
+        (V, 4, 4).
     baseline_m
         Measured distance of the first two views [m].
     notes
@@ -55,7 +56,7 @@ class CameraPriors:
 
     names: tuple[str, ...]
     cameras: tuple[Camera, ...]
-    intrinsics_std: FloatArray
+    intrinsics_covariance: FloatArray
     baseline_m: float
     notes: tuple[str, ...]
     status: str = CameraStatus.OK
@@ -82,27 +83,36 @@ class CameraPriors:
         Examples
         --------
         >>> cameras = tuple(Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480)) for _ in range(2))
-        >>> priors = CameraPriors(("left", "right"), cameras, np.tile([0.05, 10.0, 10.0, 0.1], (2, 1)), 4.0, ())
+        >>> known = np.diag([0.05, 10.0, 10.0, 0.1]) ** 2
+        >>> priors = CameraPriors(("left", "right"), cameras, np.tile(known, (2, 1, 1)), 4.0, ())
         >>> fused = priors.fused(np.full((2, 2), 1040.0), relative_std=0.05, source="another estimator")
-        >>> round(fused.cameras[0].focal_px, 1), fused.intrinsics_std[0, 0].round(4).tolist()
+        >>> round(fused.cameras[0].focal_px, 1), round(fused.intrinsics_covariance[0, 0, 0] ** 0.5, 4)
         (1019.8, 0.0354)
         """
-        cameras, stds, notes, status = [], self.intrinsics_std.copy(), list(self.notes), self.status
-        for name, camera, std, found in zip(self.names, self.cameras, stds, focal_px, strict=True):
+        cameras, covariances, notes, status = [], [], list(self.notes), self.status
+        known = zip(self.names, self.cameras, self.intrinsics_covariance, focal_px, strict=True)
+        for name, camera, covariance, found in known:
             off_u, off_v = np.log(found / np.diag(camera.K)[:2])
-            off, joint = (off_u + off_v) / 2, np.hypot(std[0], relative_std)
+            off, joint = (off_u + off_v) / 2, np.hypot(np.sqrt(covariance[0, 0]), relative_std)
             if abs(off_u - off_v) > _ONE_FOCAL:
                 notes.append(f"view {name!r}: {source} gives two focal lengths, {found[0]:.0f} and {found[1]:.0f} px")
             if abs(off) > _CONTRADICTION_STD * joint:
                 notes.append(f"view {name!r}: {source}'s focal length is {np.expm1(off):+.0%} off what was known of it")
                 status = CameraStatus.CONTRADICTION
                 cameras.append(camera)
+                covariances.append(covariance)
                 continue
-            step = off * (std[0] / joint) ** 2
-            cameras.append(camera.perturbed([step, *[0.0] * 9]))
-            std[0] *= relative_std / joint
-            std[3] *= np.exp(2 * step)
-        return replace(self, cameras=tuple(cameras), intrinsics_std=stds, notes=tuple(notes), status=status)
+            gain = covariance[:, 0] / joint**2
+            cameras.append(camera.perturbed([*(gain * off), *[0.0] * 6]))
+            same_pixels = np.array([1, 1, 1, np.exp(2 * gain[0] * off)])
+            covariances.append((covariance - np.outer(gain, gain) * joint**2) * np.outer(same_pixels, same_pixels))
+        return replace(
+            self,
+            cameras=tuple(cameras),
+            intrinsics_covariance=np.array(covariances),
+            notes=tuple(notes),
+            status=status,
+        )
 
     def metric_rig(
         self,
@@ -136,7 +146,8 @@ class CameraPriors:
         Examples
         --------
         >>> cameras = tuple(Camera(np.diag([1000.0, 1000.0, 1.0]), (640, 480)) for _ in range(2))
-        >>> priors = CameraPriors(("left", "right"), cameras, np.tile([0.05, 10.0, 10.0, 0.1], (2, 1)), 4.0, ())
+        >>> known = np.diag([0.05, 10.0, 10.0, 0.1]) ** 2
+        >>> priors = CameraPriors(("left", "right"), cameras, np.tile(known, (2, 1, 1)), 4.0, ())
         >>> apart = cameras[1].perturbed([0, 0, 0, 0, 0, 0, 0, -1.0, 0, 0])
         >>> rig = priors.metric_rig([cameras[0], apart])
         >>> rig.metric, rig.baseline(), rig.covariance.shape
@@ -145,7 +156,8 @@ class CameraPriors:
         rig = Rig(self.names, tuple(posed), False)
         pose_std = [rotation_std_rad] * 3 + [position_std * self.baseline_m] * 3
         poses_std = np.array([np.zeros(6)] + [pose_std] * (len(posed) - 1))
-        covariance = np.diag(np.column_stack([self.intrinsics_std, poses_std]).ravel() ** 2)
+        blocks = zip(self.intrinsics_covariance, poses_std, strict=True)
+        covariance = block_diag(*[part for known, pose in blocks for part in (known, np.diag(pose**2))])
         return replace(rig.scaled(self.baseline_m / rig.baseline()), covariance=covariance)
 
 
@@ -176,14 +188,19 @@ def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator:
         _read_prior(session, views[name], (luma.shape[1], luma.shape[0]), pixel_aspect(frames, name))
         for name, luma in frames.items()
     ]
-    cameras, stds, notes = zip(*found, strict=True)
-    return CameraPriors(tuple(frames), cameras, np.array(stds), baseline.value, tuple(note for note in notes if note))
+    cameras, covariances, notes = zip(*found, strict=True)
+    return CameraPriors(
+        tuple(frames), cameras, np.array(covariances), baseline.value, tuple(note for note in notes if note)
+    )
 
 
 def _read_prior(
     session: Session, view: View, image_size: tuple[int, int], aspect: float
-) -> tuple[Camera, list[float], str]:
-    """One camera, the std of its intrinsics, and a note or an empty one; ``aspect`` is a pixel's width over height."""
+) -> tuple[Camera, FloatArray, str]:
+    """One camera, the covariance of its intrinsics, and a note or an empty one.
+
+    ``aspect`` is a pixel's width over its height.
+    """
     width, height = image_size
     diagonal = float(np.hypot(width, height))
     if view.camera is not None:
@@ -195,7 +212,7 @@ def _read_prior(
             )
         corner = diagonal / 2 / known.focal_px
         std = [_CALIBRATED_STD, 0.001 * diagonal, 0.001 * diagonal, 0.002 / corner**2]
-        return replace(known, cam_from_world=np.eye(3, 4)), std, ""
+        return replace(known, cam_from_world=np.eye(3, 4)), np.diag(np.square(std)), ""
     lens, note = view.lens, ""
     if lens is None and view.images is not None:
         lens = lens_from_exif(find_images(session.resolve_pattern(view.images))[0])
@@ -213,4 +230,4 @@ def _read_prior(
     corner = float(np.hypot(width / fx, height / fy)) / 2
     centre_std = _PRINCIPAL_POINT_STD * diagonal
     std = [relative_std, centre_std, centre_std, _CORNER_DISTORTION_STD / corner**2]
-    return Camera(K, image_size), std, note
+    return Camera(K, image_size), np.diag(np.square(std)), note

@@ -19,7 +19,7 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Readings, Site
-from vfm_sdm.stages.cameras.culprits import CULPRIT_STD, Suspect, list_suspects
+from vfm_sdm.stages.cameras.culprits import AS_PROBABLE, CULPRIT_STD, Suspect, list_suspects
 from vfm_sdm.stages.cameras.site_minimum import minimize_from_starts
 from vfm_sdm.stages.cameras.site_problem import DISTANCE, SiteProblem
 from vfm_sdm.stages.cameras.site_values import SitePoint
@@ -31,8 +31,6 @@ _DISAGREEMENT_STD = 3.0
 _CONTRADICTED_STD = 5.0
 """Residual over its own standard deviation from which a reading is contradicted. Baarda's 3.3 is for observations whose
 weights are known exactly; those of matches are not."""
-_AS_PROBABLE = 4.0
-"""Difference of two drops of the cost below which the data hardly tell two culprits apart."""
 _LEAST_REDUNDANCY = 0.01
 """Share of a reading that the others must check."""
 _DETERMINED = 0.9
@@ -208,7 +206,7 @@ def _find_culprits(problem: SiteProblem, solution: OptimizeResult) -> tuple[Susp
     suspects = list_suspects(claims, np.asarray(solution.fun), np.asarray(solution.jac))
     if not suspects or suspects[0].drop <= CULPRIT_STD:
         return ()
-    return tuple(one for one in suspects if one.rank > suspects[0].rank - _AS_PROBABLE)
+    return tuple(one for one in suspects if one.rank > suspects[0].rank - AS_PROBABLE)
 
 
 def _compute_covariance(problem: SiteProblem, solution: FloatArray, whitened: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from vfm_sdm.core.statuses import CameraStatus, PointStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.inputs.session import FirstFrames, Session, Site
 from vfm_sdm.stages.cameras.base import CameraEstimator, Hypothesis
-from vfm_sdm.stages.cameras.confusions import Statements
+from vfm_sdm.stages.cameras.confusions import FREE_STD, Statements
 from vfm_sdm.stages.cameras.contradictions import explain_contradiction
 from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
@@ -27,8 +27,6 @@ from vfm_sdm.stages.matching.points import check_inside, named_points
 
 __all__ = ["solve_cameras"]
 
-_FREE_STD = 0.5
-"""Standard deviation of rotations [rad] and translations [m] above which a prior leaves a pose free."""
 _NO_COVARIANCE = "the camera file states no covariance: the scale has no stated uncertainty"
 
 
@@ -113,7 +111,7 @@ def _with_poses_of(prior: Rig, adjusted: Rig) -> Rig:
     for index, (camera, found) in enumerate(zip(prior.cameras, adjusted.cameras, strict=True)):
         pose = slice(len(CAMERA_PARAMETERS) * index + 4, len(CAMERA_PARAMETERS) * (index + 1))
         std = np.sqrt(np.diag(np.asarray(prior.covariance))[pose])
-        free = bool((std >= _FREE_STD).all())
+        free = bool((std >= FREE_STD).all())
         cameras.append(replace(camera, cam_from_world=found.cam_from_world) if free else camera)
     return replace(prior, cameras=tuple(cameras))
 

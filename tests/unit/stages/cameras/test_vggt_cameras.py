@@ -157,8 +157,8 @@ class TestFocalLengths:
         priors = read_priors(room_session(rig, lens=False), frames, estimator="test")
         fused = priors.fused(np.full((2, 2), 2000.0), relative_std=1e-6, source="test")
         corner = np.hypot(640, 360) / 2 / 2000
-        np.testing.assert_allclose(fused.intrinsics_std[:, 3] * corner**2, 0.025, rtol=1e-6)
-        np.testing.assert_array_equal(fused.intrinsics_std[:, 1:3], priors.intrinsics_std[:, 1:3])
+        np.testing.assert_allclose(np.sqrt(fused.intrinsics_covariance[:, 3, 3]) * corner**2, 0.025, rtol=1e-6)
+        np.testing.assert_array_equal(fused.intrinsics_covariance[:, 1:3], priors.intrinsics_covariance[:, 1:3])
 
 
 def _no_field(poses):

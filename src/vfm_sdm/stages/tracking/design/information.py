@@ -53,27 +53,29 @@ def square_std(window: Window, belief: Belief, part: BoolArray) -> tuple[FloatAr
     across it its motion is seen; along it the farther one's texture ends at the line and makes corners that move with
     neither. In the rim of what moves otherwise only the part of a gradient across that line counts, therefore.
 
-    A direction of which the point's nearest surroundings say nothing is told by others only where they are seen to move
-    along it, too, or where nothing moves at all: a post that moves sideways before a still wall shares no motion with
-    the wall's joints, even if nothing contradicts them. Where the air moves the wall, they are to move beyond it.
+    A direction of which the point's nearest surroundings, as far as they are seen to move with it, say nothing is told
+    by others only where they are seen to move along it, too, or where nothing moves at all: a post that moves sideways
+    before a still wall shares no motion with the wall's joints, even if nothing contradicts them. Where the air moves
+    the wall, they are to move beyond it.
 
     Lines that run along the motion agree with standing still as well. Where they are most of what tells the motion
     across it, as the joints of a wall between balusters are, they may be another surface: only what is seen to move
     counts.
     """
     believed = part & belief.believed
-    covariance = _part_covariance(window, belief, believed)
+    covariance = _part_covariance(window, belief, believed, ~belief.against)
     values, axes = np.linalg.eigh(covariance)
     std = np.sqrt(np.maximum(values, 0.0))
     core = window.radius2 <= max(_CORE * belief.radius_px, _LEAST_CORE_PX) ** 2
-    near = _part_covariance(window, belief, believed & core)
+    moves = is_distinct(belief.motion, 0 * belief.motion)
+    sure = belief.supporting if moves else ~belief.against
+    near = _part_covariance(window, belief, believed & core & sure, sure)
     along = [(belief.motion - rest) @ axes[:, 1] for rest in belief.rest]
     shared = min(np.sqrt(np.mean(one**2)) for one in along) > max(DISTINCT_PX, SURE * std[1])
-    moves = is_distinct(belief.motion, 0 * belief.motion)
     if not shared and (moves or (belief.against & part).any()):
         std[1] = max(std[1], float(np.sqrt(axes[:, 1] @ near @ axes[:, 1])))
     if moves and std[1] <= USABLE_STD_PX:
-        moving = _part_covariance(window, belief, believed & belief.supporting)
+        moving = _part_covariance(window, belief, believed & belief.supporting, ~belief.against)
         if _crosses_lines(belief, covariance, moving):
             values, axes = np.linalg.eigh(moving)
             std = np.array([np.sqrt(max(values[0], 0.0)), np.inf])
@@ -94,10 +96,13 @@ def _crosses_lines(belief: Belief, covariance: FloatArray, moving: FloatArray) -
     return bool(across < _AS_SURE * along)
 
 
-def _part_covariance(window: Window, belief: Belief, chosen: BoolArray) -> FloatArray:
-    """Covariance of one frame's motion of some pixels, not weighted, as a registration takes them, (2, 2) [px2]."""
+def _part_covariance(window: Window, belief: Belief, chosen: BoolArray, surface: BoolArray) -> FloatArray:
+    """Covariance of one frame's motion of some pixels, not weighted, as a registration takes them, (2, 2) [px2].
+
+    What is not of the ``surface``, shape (R, R), moves otherwise or may do so.
+    """
     gradient = window.gradient.astype(np.float64)
-    across, rim = _find_rim(~belief.against)
+    across, rim = _find_rim(surface)
     told = np.where(rim, (gradient * across).sum(axis=0) * across, gradient)[:, chosen]
     noise = belief.noise[chosen].astype(np.float64)
     if not noise.size:
