@@ -70,7 +70,16 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     monkeypatch.setattr(Measurement, "part_of", lambda self, kind: {})
     monkeypatch.setattr(Measurement, "part", lambda self, kind: None)
     (tmp_path / "left").mkdir()
-    for name in ("left/000.png", "left/001.png", "right.mp4", "rig.toml", "board.png", "corners.csv", "other.toml"):
+    for name in (
+        "left/000.png",
+        "left/001.png",
+        "right.mp4",
+        "rig.toml",
+        "board.png",
+        "corners.csv",
+        "other.toml",
+        "lens.toml",
+    ):
         (tmp_path / name).write_bytes(name.encode() * 8)
     level = {"pitch_deg": 0.0, "roll_deg": 0.0, "std_deg": 0.1}
     return Session(
@@ -80,7 +89,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
             {"name": "left", "images": "left/*.png", "fps": 30.0, "lens": {"focal_px": 900.0}, "camera": "rig.toml"},
             {
                 **{"name": "right", "video": "right.mp4", "time_offset_s": 0.1, "time_offset_std_s": 0.01},
-                **{"level": level, "stands": "right"},
+                **{"level": level, "stands": "right", "lens": {"file": "lens.toml"}},
                 **{name: {"value": 6.0, "std": 0.02} for name in ("perpendicular_distance", "longitudinal_distance")},
             },
         ],
@@ -258,6 +267,7 @@ FILES = {
     "left/001.png": {"recordings", "frames", "cameras", "tracks"},
     "right.mp4": {"recordings", "frames", "cameras", "tracks"},
     "rig.toml": {"cameras"},
+    "lens.toml": {"cameras"},
     "board.png": {"cameras"},
 }
 

@@ -1,8 +1,9 @@
 """What is known of a lens before looking at the images."""
 
+from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import Field, Strict, model_validator
+from pydantic import Field, PlainSerializer, Strict, model_validator
 
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.site import Entry, not_below
@@ -10,28 +11,43 @@ from vfm_sdm.inputs.session.site import Entry, not_below
 __all__ = ["Lens"]
 
 _Millimetres = Annotated[float, Strict(), Field(gt=0, le=1e5), not_below(1e-2)]
+_File = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
+_FORMS = "focal_px, focal_mm with sensor_width_mm, or file"
 
 
 class Lens(Entry):
     """What is known of the focal length before looking at the images.
 
-    Either ``focal_mm`` and ``sensor_width_mm`` (the true focal length, and the longer side of the sensor area that is
-    recorded), or ``focal_px``, in pixels along that side. ``relative_std`` is the relative standard deviation of the
-    focal length [1].
+    One of ``focal_mm`` with ``sensor_width_mm`` (the true focal length, and the longer side of the sensor area that is
+    recorded), ``focal_px``, in pixels along that side, and ``file``, which `vfm-sdm lens` wrote from a pan clip and
+    which also holds principal point, distortion and their covariance. ``relative_std`` is the relative standard
+    deviation of a focal length that is stated here [1].
     """
 
     focal_mm: _Millimetres | None = None
     sensor_width_mm: _Millimetres | None = None
     focal_px: Annotated[float, Strict(), Field(gt=0, le=1e7), not_below(1)] | None = None
+    file: _File | None = None
+    """Lens file; a relative path starts at the session's folder."""
     relative_std: Annotated[float, Strict(), Field(gt=0, le=10), not_below(1e-7)] = 0.02
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
-        millimetres = (self.focal_mm is not None, self.sensor_width_mm is not None)
-        if self.focal_px is not None and any(millimetres):
-            raise ValueError("expected focal_px or focal_mm with sensor_width_mm, got both; keep one of them")
-        if self.focal_px is None and not all(millimetres):
-            raise ValueError("expected focal_px, or focal_mm with sensor_width_mm, got neither complete; add them")
+        millimetres = {"focal_mm": self.focal_mm, "sensor_width_mm": self.sensor_width_mm}
+        stated = {
+            "focal_mm with sensor_width_mm": any(value is not None for value in millimetres.values()),
+            "focal_px": self.focal_px is not None,
+            "file": self.file is not None,
+        }
+        ways = [name for name, given in stated.items() if given]
+        if len(ways) > 1:
+            raise ValueError(f"expected one of {_FORMS}, got {' and '.join(ways)}; keep one of them")
+        missing = [name for name, value in millimetres.items() if value is None]
+        if not ways or ("focal_mm" in ways[0] and missing):
+            got = "none" if not ways else f"no {missing[0]}"
+            raise ValueError(f"expected {_FORMS}, got {got}; add it")
+        if self.file is not None and "relative_std" in self.model_fields_set:
+            raise ValueError("relative_std: expected none beside a lens file, which states its own; remove it")
         return self
 
     def focal_prior_px(self, image_width: int) -> float:
@@ -45,12 +61,12 @@ class Lens(Entry):
         Raises
         ------
         SessionError
-            The width is not positive.
+            The width is not positive, or the focal length stands in a lens file.
         """
         if image_width <= 0:
             raise SessionError(f"image_width: expected pixels > 0, got {image_width}; pass the width of the video")
         if self.focal_px is not None:
             return self.focal_px
         if self.focal_mm is None or self.sensor_width_mm is None:
-            raise SessionError("lens: expected focal_px, or focal_mm with sensor_width_mm, got neither; add them")
+            raise SessionError(f"lens: expected a focal length, got the file {self.file}; read that file")
         return self.focal_mm / self.sensor_width_mm * image_width

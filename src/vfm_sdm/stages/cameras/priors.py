@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -13,6 +14,7 @@ from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.inputs.session import Session, View, lens_from_exif, pixel_aspect
 from vfm_sdm.inputs.video.images import find_images
 from vfm_sdm.stages.cameras.file import read_camera
+from vfm_sdm.stages.lens.file import read_lens
 
 __all__ = ["CameraPriors", "read_priors"]
 
@@ -29,6 +31,8 @@ _CORNER_DISTORTION_STD = 0.025
 _ROTATION_STD_RAD, _POSITION_STD = 1.0, 2.0
 """Standard deviations of poses that are left free: rotation [rad], and position over the baseline [1]."""
 _CONTRADICTION_STD = 3.0
+_SQUARE = 1e-3
+"""Share by which a pixel may be wider than high and count as square."""
 _ONE_FOCAL = 0.03
 """Share by which the two focal lengths of one lens may differ before the estimate counts as unsure."""
 
@@ -214,6 +218,8 @@ def _read_prior(
         std = [_CALIBRATED_STD, 0.001 * diagonal, 0.001 * diagonal, 0.002 / corner**2]
         return replace(known, cam_from_world=np.eye(3, 4)), np.diag(np.square(std)), ""
     lens, note = view.lens, ""
+    if lens is not None and lens.file is not None:
+        return _read_lens_file(session.resolve(lens.file), view.name, image_size, aspect)
     if lens is None and view.images is not None:
         lens = lens_from_exif(find_images(session.resolve_pattern(view.images))[0])
         note = f"view {view.name!r}: focal length from EXIF, known to 5 %" if lens is not None else ""
@@ -231,3 +237,20 @@ def _read_prior(
     centre_std = _PRINCIPAL_POINT_STD * diagonal
     std = [relative_std, centre_std, centre_std, _CORNER_DISTORTION_STD / corner**2]
     return Camera(K, image_size), np.diag(np.square(std)), note
+
+
+def _read_lens_file(
+    path: Path, name: str, image_size: tuple[int, int], aspect: float
+) -> tuple[Camera, FloatArray, str]:
+    """What `_read_prior` yields, from a lens file."""
+    if abs(aspect - 1) > _SQUARE:
+        raise CameraError(
+            f"view {name!r}: expected square pixels beside a lens file, got pixels {aspect:g} as wide as high; state "
+            "focal_px"
+        )
+    known = read_lens(path, image_size=image_size)
+    note = ""
+    if known.scaled_from is not None:
+        width, height = known.scaled_from
+        note = f"view {name!r}: lens of pictures of {width} x {height} px, taken as showing the same field as these"
+    return known.camera, known.covariance, note

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.errors import CameraError
-from vfm_sdm.stages.lens.nearness import PointSums, lever_precision, log_volume, taken_by_nearness
-from vfm_sdm.stages.lens.turning_camera import LENS, LensClip, TurningCamera
+from vfm_sdm.stages.lens.nearness import lever_precision, log_volume, taken_by_nearness
+from vfm_sdm.stages.lens.normal_equations import NormalEquations, invert_scaled, solve_scaled
+from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, LensClip, TurningCamera
 
 __all__ = ["AdjustedClip", "adjust_clip"]
 
@@ -22,7 +21,6 @@ _MEDIAN_ABSOLUTE = 0.6745
 _LEAST_NOISE_PX = 1e-6
 _TOLD = 0.2
 """Share of its residuals that a point must keep to tell of the noise."""
-_LEVER = slice(5, 8)
 _STEP = 0.5
 """Step of the derivative of the points' volume, in standard deviations."""
 
@@ -53,23 +51,6 @@ class AdjustedClip:
     residuals: FloatArray
     weights: FloatArray
     noise_px: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Normal:
-    """Normal equations without the points; C values: `LENS` and the turns, P points."""
-
-    reduced: FloatArray  # (C, C)
-    gradient: FloatArray  # (C,)
-    coupling: FloatArray  # (P, C, 3)
-    points: FloatArray  # (P, 3, 3)
-    point_gradient: FloatArray  # (P, 3)
-
-    def moved(self, camera: TurningCamera, step: FloatArray, point_gradient: FloatArray) -> TurningCamera:
-        """The camera after a step (C,), with the points where it and their own gradient (P, 3) take them."""
-        back = point_gradient - np.einsum("pca,c->pa", self.coupling, step)
-        points = np.linalg.solve(self.points, back[:, :, None])[:, :, 0]
-        return camera.moved(step[: len(LENS)], step[len(LENS) :].reshape(-1, 3), points)
 
 
 def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
@@ -111,10 +92,10 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
             break
     residuals = now.residuals(clip.seen)
     weights = _weigh(residuals, noise)
-    normal = _eliminate(now, clip, weights / noise**2)
+    normal = NormalEquations(now, clip, weights / noise**2)
     free = np.flatnonzero(clip.prior[1] > 0)
     covariance = np.zeros((len(LENS), len(LENS)))
-    covariance[np.ix_(free, free)] = _invert(normal.reduced)[np.ix_(free, free)]
+    covariance[np.ix_(free, free)] = invert_scaled(normal.reduced)[np.ix_(free, free)]
     lens = now.lens - _bias(now, clip, weights / noise**2)
     return AdjustedClip(now, lens, covariance, residuals, weights, noise)
 
@@ -123,8 +104,8 @@ def _converge(start: TurningCamera, clip: LensClip, noise: float) -> TurningCame
     now, damping, cost = start, 1e-4, _cost(start, clip, noise)
     for _ in range(_MAX_ITERATIONS):
         weights = _weigh(now.residuals(clip.seen), noise) / noise**2
-        normal = _eliminate(now, clip, weights, damping=damping, lever=lever_precision(now, clip, weights))
-        trial = normal.moved(now, _solve(normal.reduced, normal.gradient), normal.point_gradient)
+        volume = lever_precision(now, clip, weights)
+        trial = NormalEquations(now, clip, weights, damping=damping, lever=volume).step()
         trial_cost = _cost(trial, clip, noise)
         if trial_cost < cost:
             gain = (cost - trial_cost) / cost
@@ -172,85 +153,16 @@ def _estimate_noise(now: TurningCamera, clip: LensClip, noise: float) -> float:
     return max(float(np.median(np.abs(scaled))) / _MEDIAN_ABSOLUTE, _LEAST_NOISE_PX)
 
 
-def _eliminate(
-    now: TurningCamera, clip: LensClip, weights: FloatArray, *, damping: float = 0.0, lever: FloatArray | None = None
-) -> _Normal:
-    """Normal equations; ``weights`` (N,) [1/px2], ``lever`` the precision (3, 3) of a zero lever [1/m2]."""
-    seen, count = clip.seen, len(LENS)
-    residuals = now.residuals(seen)
-    by_lens, by_turn, by_point = now.derivatives(seen)
-    size = count + 3 * seen.frames
-    jacobian = np.zeros((len(seen), 2, size))
-    jacobian[:, :, :count] = by_lens
-    columns = count + 3 * seen.frame[:, None] + np.arange(3)
-    np.put_along_axis(jacobian, np.broadcast_to(columns[:, None, :], by_turn.shape), by_turn, axis=2)
-    heavy = jacobian * weights[:, None, None]
-    full = heavy.reshape(-1, size).T @ jacobian.reshape(-1, size)
-    gradient = heavy.reshape(-1, size).T @ residuals.ravel()
-    sums = PointSums(seen.point)
-    coupling = sums(heavy.swapaxes(1, 2) @ by_point)
-    heavy_points = (by_point * weights[:, None, None]).swapaxes(1, 2)
-    points = sums(heavy_points @ by_point)
-    point_gradient = sums((heavy_points @ residuals[:, :, None])[:, :, 0])
-    points[:, 2, 2] += 1 / clip.nearness_std**2
-    point_gradient[:, 2] -= now.nearness / clip.nearness_std**2
-    _add_priors(full, gradient, now, clip, lever)
-    # Values that are held, and the first attitude, from which the scene's directions are counted.
-    held = np.r_[np.flatnonzero(clip.prior[1] == 0), count : count + 3]
-    full[held, :] = full[:, held] = 0.0
-    full[held, held] = 1.0
-    gradient[held] = 0.0
-    coupling[:, held] = 0.0
-    full[np.diag_indices(size)] *= 1 + damping
-    points[:, range(3), range(3)] *= 1 + damping
-    carried = coupling @ np.linalg.inv(points)
-    reduced = full - np.tensordot(carried, coupling, axes=([0, 2], [0, 2]))
-    gradient = gradient - np.einsum("pca,pa->c", carried, point_gradient)
-    return _Normal(reduced, gradient, coupling, points, point_gradient)
-
-
-def _add_priors(
-    full: FloatArray, gradient: FloatArray, now: TurningCamera, clip: LensClip, lever: FloatArray | None
-) -> None:
-    mean, std = clip.prior
-    free = np.flatnonzero(std > 0)
-    full[free, free] += 1 / std[free] ** 2
-    gradient[free] += (mean - now.lens)[free] / std[free] ** 2
-    if lever is not None:
-        full[_LEVER, _LEVER] += lever
-        gradient[_LEVER] -= lever @ now.lever
-
-
 def _bias(now: TurningCamera, clip: LensClip, weights: FloatArray) -> FloatArray:
     """What the lens, without the lever, gains by the deviations' freedom, shape (10,)."""
-    normal = _eliminate(now, clip, weights, lever=lever_precision(now, clip, weights))
-    covariance, count = _invert(normal.reduced), len(LENS)
+    normal = NormalEquations(now, clip, weights, lever=lever_precision(now, clip, weights))
+    covariance, count = invert_scaled(normal.reduced), len(LENS)
+    free = np.setdiff1d(np.flatnonzero(clip.prior[1] > 0), np.arange(len(LENS))[LEVER])
+    turns = -solve_scaled(normal.reduced[count:, count:], normal.reduced[count:, free])
     slope = np.zeros(count)
-    still = np.zeros_like(normal.point_gradient)
-    for index in np.setdiff1d(np.flatnonzero(clip.prior[1] > 0), np.r_[_LEVER]):
-        turns = -_solve(normal.reduced[count:, count:], normal.reduced[count:, index])
+    for index, turn in zip(free.tolist(), turns.T, strict=True):
         reach = _STEP * np.sqrt(covariance[index, index])
-        step = reach * np.concatenate([np.eye(count)[index], turns])
-        ends = [log_volume(normal.moved(now, sign * step, still), clip, weights) for sign in (1, -1)]
+        step = reach * np.concatenate([np.eye(count)[index], turn])
+        ends = [log_volume(normal.along(sign * step), clip, weights) for sign in (1, -1)]
         slope[index] = (ends[0] - ends[1]) / (2 * reach)
     return np.asarray(covariance[:count, :count] @ slope)
-
-
-def _factor(matrix: FloatArray) -> tuple[tuple[FloatArray, bool], FloatArray]:
-    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    try:
-        return cho_factor(matrix * scale[:, None] * scale), scale
-    except np.linalg.LinAlgError as error:
-        raise CameraError(
-            "pan clip: expected sightings that determine all turns, got a singular adjustment; pan, tilt and roll more"
-        ) from error
-
-
-def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    factor, scale = _factor(matrix)
-    return np.asarray(cho_solve(factor, right * scale) * scale)
-
-
-def _invert(matrix: FloatArray) -> FloatArray:
-    factor, scale = _factor(matrix)
-    return np.asarray(cho_solve(factor, np.eye(len(matrix))) * scale[:, None] * scale)

@@ -13,7 +13,7 @@ from vfm_sdm.stages.lens.adjustment import AdjustedClip, adjust_clip
 from vfm_sdm.stages.lens.key_frames import KeyFrames, choose_key_frames, detect_in, follow_clip
 from vfm_sdm.stages.lens.sightings import Pair, join_pairs, match_key_frames
 from vfm_sdm.stages.lens.start import chain_turns, search_focal
-from vfm_sdm.stages.lens.steadiness import focal_drift
+from vfm_sdm.stages.lens.steadiness import FocalCourse, follow_focal
 from vfm_sdm.stages.lens.turning_camera import LensClip, Sightings, TurningCamera
 
 __all__ = ["LensEstimate", "PanScene", "estimate_lens"]
@@ -35,7 +35,7 @@ _MOST_NOISE = 1e-3
 """Noise of a sighting over the longer side beyond which something else than turns moves the picture: features are found
 to a fifth of that."""
 _CLEAR = 4.0
-_LEAST_DRIFT = 5e-4
+_MOST_DRIFT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -84,12 +84,17 @@ class LensEstimate:
     camera
         Intrinsics and distortion; ``None`` where the clip did not allow an estimate.
     covariance
-        Of ``log_focal, cx, cy, k1``, the first of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, shape (4, 4); NaN without
-        a camera. ``k1`` stands for all radial distortion there: for what the fourth-order term has in common with it.
+        Of ``log_focal, cx, cy, k1``, the first of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, shape (4, 4); NaN
+        without a camera. ``k1`` stands for all radial distortion there: for what the fourth-order term has in common
+        with it.
     notes
         Sentences on what was found.
     adjusted
         The adjustment, where there was one.
+    clip
+        What was adjusted.
+    course
+        Focal length over time.
     """
 
     status: LensStatus
@@ -97,6 +102,13 @@ class LensEstimate:
     covariance: FloatArray = field(default_factory=lambda: np.full((4, 4), np.nan))
     notes: tuple[str, ...] = ()
     adjusted: AdjustedClip | None = None
+    clip: LensClip | None = None
+    course: FocalCourse | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether the lens may be taken for the recording's."""
+        return self.status == LensStatus.OK
 
     @property
     def focal_std(self) -> float:
@@ -121,13 +133,14 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
 
     Notes
     -----
-    A camera that only turns sees any two pictures related by ``K R K^-1``, whatever the scene [1]_: the same scene points
-    in some dozens of frames determine K and the distortion. Their adjustment is `vfm_sdm.stages.lens.adjustment`.
+    A camera that only turns sees any two pictures related by ``K R K^-1``, whatever the scene [1]_: the same scene
+    points in some dozens of frames determine K and the distortion. Their adjustment is
+    `vfm_sdm.stages.lens.adjustment`.
 
     References
     ----------
-    .. [1] Hartley, R. I. (1997). Self-calibration of stationary cameras. International Journal of Computer Vision 22(1),
-       5-23.
+    .. [1] Hartley, R. I. (1997). Self-calibration of stationary cameras. International Journal of Computer Vision
+       22(1), 5-23.
     """
     scene = scene or PanScene()
     size = (video.info.width, video.info.height)
@@ -145,13 +158,15 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
     if len(connected) < _LEAST_FRAMES or len(np.unique(point)) < _LEAST_POINTS:
         return LensEstimate(LensStatus.FEW_PLACES, notes=("film a scene with more texture, and turn more slowly",))
     chosen = keys.numbers[connected]
-    seen = Sightings(frame, point, pixel, motion.turn_rates(chosen, _plain_camera(focal, size)))
+    seen = Sightings(frame, point, pixel, motion.turn_rates(chosen, _plain_camera(focal, size), _READOUT_S))
     camera, clip = _begin(seen, attitudes[connected], (focal, size), scene)
+    adjusted = adjust_clip(camera, clip)
     for _ in range(_ROUNDS):
-        adjusted = adjust_clip(camera, clip)
-        # The lens that was found tells the rates better, and these the read-out.
+        # The lens and the read-out that were found tell the rates better, and these the read-out.
         camera = adjusted.camera
-        clip = replace(clip, seen=replace(seen, turn_rate=motion.turn_rates(chosen, camera.camera)))
+        rates = motion.turn_rates(chosen, camera.camera, float(camera.shared[4]))
+        clip = replace(clip, seen=replace(seen, turn_rate=rates))
+        adjusted = adjust_clip(camera, clip)
     return _judge(adjusted, clip, motion.time_s[chosen])
 
 
@@ -222,9 +237,12 @@ def _judge(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> LensEs
     distortion = np.array([*values[3:5], 0, 0, 0])
     found = Camera(K, camera.image_size, distortion)
     covariance = _as_one_coefficient(adjusted.covariance, found)
-    drift, drift_std = focal_drift(adjusted, clip, time_s)
+    course = follow_focal(adjusted, clip, time_s)
+    # A drift that was found is spread evenly between its ends, and the recording may be at either.
+    covariance[0, 0] += max(course.drift**2 - course.drift_std**2, 0.0) / 12
     notes = [
-        f"{len(time_s)} frames, {clip.seen.point.max() + 1} places, {len(clip.seen)} sightings to {adjusted.noise_px:.2f} px",
+        f"{len(time_s)} frames, {clip.seen.point.max() + 1} places, {len(clip.seen)} sightings to "
+        f"{adjusted.noise_px:.2f} px",
         f"lever {np.linalg.norm(adjusted.camera.lever):.2f} m, scene at about {1 / values[8]:.0f} m, read-out "
         f"{1e3 * values[9]:.0f} ms",
     ]
@@ -233,17 +251,17 @@ def _judge(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> LensEs
         status = LensStatus.MOVED
     elif np.sqrt(covariance[0, 0]) > _MOST_FOCAL_STD:
         status = LensStatus.NOT_DETERMINED
-    elif abs(drift) > max(_CLEAR * drift_std, _LEAST_DRIFT):
+    elif abs(course.drift) > max(_CLEAR * course.drift_std, _MOST_DRIFT):
         status = LensStatus.CHANGING
-        notes.append(f"the focal length changes by {drift:+.2%} during the clip; lock focus and zoom")
-    return LensEstimate(status, found, covariance, tuple(notes), adjusted)
+        notes.append(f"the focal length changes by {course.drift:+.2%} during the clip; lock focus and zoom")
+    return LensEstimate(status, found, covariance, tuple(notes), adjusted, clip, course)
 
 
 def _as_one_coefficient(covariance: FloatArray, camera: Camera) -> FloatArray:
     """Covariance of log_focal, cx, cy and k1, shape (4, 4), where k1 takes k2's part that looks like it.
 
-    The k1 that moves the pixels of the whole picture most nearly as k2 does, in the mean of squares, is k2 times the mean
-    of r^8 over that of r^6.
+    The k1 that moves the pixels of the whole picture most nearly as k2 does, in the mean of squares, is k2 times the
+    mean of r^8 over that of r^6.
     """
     (width, height), K = camera.image_size, camera.K
     u, v = np.meshgrid(np.linspace(0, width - 1, 40), np.linspace(0, height - 1, 30))

@@ -1,9 +1,9 @@
 """The distances of single scene points, which nobody knows, and what they take from the rest of the adjustment.
 
-A point's deviation from the mean nearness moves it by that deviation times the lever. With a few sightings a point these
-deviations fit noise, and a longer lever fits more of it: the most probable lever and deviations together are no estimate
-of the lever. What counts is the likelihood of the lens with the deviations integrated out, which differs by the volume
-that the data leave them: half the logarithm of ``1 + x`` a point, with
+A point's deviation from the mean nearness moves it by that deviation times the lever. With a few sightings a point
+these deviations fit noise, and a longer lever fits more of it: the most probable lever and deviations together are no
+estimate of the lever. What counts is the likelihood of the lens with the deviations integrated out, which differs by
+the volume that the data leave them: half the logarithm of ``1 + x`` a point, with
 
     x = s^2 l' Q l
 
@@ -12,14 +12,15 @@ lever, after its direction has taken its part.
 
 References
 ----------
-.. [1] Neyman, J., Scott, E. L. (1948). Consistent estimates based on partially consistent observations. Econometrica 16(1).
+.. [1] Neyman, J., Scott, E. L. (1948). Consistent estimates based on partially consistent observations. Econometrica
+   16(1).
 .. [2] Cox, D. R., Reid, N. (1987). Parameter orthogonality and approximate conditional inference. Journal of the Royal
    Statistical Society B 49(1).
 """
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.stages.lens.turning_camera import LensClip, TurningCamera
 
 __all__ = ["PointSums", "information_on_shift", "lever_precision", "log_volume", "taken_by_nearness"]
@@ -34,7 +35,7 @@ class PointSums:
         Number of each sighting's point, shape (N,), ascending, each from 0 on at least once.
     """
 
-    def __init__(self, point: FloatArray) -> None:
+    def __init__(self, point: IntArray) -> None:
         self._starts = np.flatnonzero(np.diff(point, prepend=-1))
 
     def __call__(self, values: FloatArray) -> FloatArray:

@@ -50,7 +50,8 @@ def match_key_frames(keys: KeyFrames, image_size: tuple[int, int]) -> list[Pair]
 
     References
     ----------
-    .. [1] Hartley, R. I. (1997). Self-calibration of stationary cameras. International Journal of Computer Vision 22(1).
+    .. [1] Hartley, R. I. (1997). Self-calibration of stationary cameras. International Journal of Computer Vision
+       22(1), 5-23.
     """
     strongest = [_strongest(one) for one in keys.features]
     pairs = []

@@ -5,7 +5,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.stages.lens.key_frames import KeyFrames
 from vfm_sdm.stages.lens.sightings import Pair
 
@@ -52,7 +52,7 @@ def search_focal(keys: KeyFrames, pairs: list[Pair], image_size: tuple[int, int]
 
 def chain_turns(
     keys: KeyFrames, pairs: list[Pair], image_size: tuple[int, int], focal_px: float
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[IntArray, FloatArray]:
     """Attitudes of the key frames that pairs connect.
 
     Parameters
@@ -83,7 +83,8 @@ def chain_turns(
         a, b = keys.features[pair.first].points[pair.rows[:, 0]], keys.features[pair.second].points[pair.rows[:, 1]]
         turns[pair.first, pair.second] = _errors(a, b, centre, focal_px)[0]
     attitudes = np.tile(np.eye(3), (count, 1, 1))
-    best: FloatArray = np.zeros(0, int)
+    best: IntArray = np.zeros(0, np.intp)
+    best_parents = best
     for root in range(count):
         if root in best:
             continue

@@ -1,16 +1,47 @@
 """Whether the focal length stays what it is while the camera turns."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.stages.lens.adjustment import AdjustedClip
+from vfm_sdm.stages.lens.normal_equations import NormalEquations
 from vfm_sdm.stages.lens.turning_camera import LensClip
 
-__all__ = ["focal_drift"]
+__all__ = ["FocalCourse", "follow_focal"]
+
+_RANK = 1e-9
+"""Share of the largest information below which a combination of frames tells nothing."""
 
 
-def focal_drift(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> tuple[float, float]:
-    """Change of the logarithm of the focal length from the first key frame to the last, and its standard deviation [1].
+@dataclass(frozen=True, eq=False)
+class FocalCourse:
+    """Focal length over the time of a clip.
+
+    Parameters
+    ----------
+    time_s
+        When the key frames were taken, shape (F,) [s].
+    deviation
+        Of the logarithm of the focal length from the common one, shape (F,) [1].
+    std
+        Standard deviations of ``deviation``, shape (F,) [1].
+    drift
+        Change of the logarithm from the first key frame to the last, along the best line [1].
+    drift_std
+        Standard deviation of ``drift`` [1].
+    """
+
+    time_s: FloatArray
+    deviation: FloatArray
+    std: FloatArray
+    drift: float
+    drift_std: float
+
+
+def follow_focal(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> FocalCourse:
+    """Focal length of each key frame by itself, and its drift.
 
     Parameters
     ----------
@@ -23,36 +54,27 @@ def focal_drift(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> t
 
     Notes
     -----
-    One more parameter, the slope of the logarithm over time, is added to the solution: its score against the residuals,
-    with the turns of each frame taken out. The scatter of the frames' own scores gives the standard deviation, so that
-    errors which all sightings of a frame share are in it.
+    Each frame gets a focal length of its own in one more step from the solution: its derivatives, less what lens, turns
+    and scene explain of them, against the residuals. What all frames have in common is the lens's own. The scatter of
+    the frames about the line widens the standard deviations where it is larger than the sightings' noise explains, so
+    that errors which all sightings of a frame share are in them.
     """
-    seen = clip.seen
-    by_lens, by_turn, _ = adjusted.camera.derivatives(seen)
+    seen, frames = clip.seen, clip.seen.frames
     weights = adjusted.weights / adjusted.noise_px**2
-    along, across = by_lens[:, :, 0], by_turn
-    frames = len(time_s)
-    found, told = np.zeros(frames), np.zeros(frames)
+    normal = NormalEquations(adjusted.camera, clip, weights)
+    left = np.empty((frames, len(seen), 2))
     for frame in range(frames):
-        rows = np.flatnonzero(seen.frame == frame)
-        if len(rows) < 3:
-            continue
-        root = np.sqrt(weights[rows])[:, None]
-        turn = (across[rows] * root[:, :, None]).reshape(-1, 3)
-        focal = (along[rows] * root).ravel()
-        left = focal - turn @ np.linalg.lstsq(turn, focal, rcond=None)[0]
-        told[frame] = left @ left
-        found[frame] = left @ (adjusted.residuals[rows] * root).ravel()
-    span = max(float(np.ptp(time_s)), 1e-9)
-    share = (time_s - time_s.mean()) / span
-    known = told > 0
-    if known.sum() < 3:
-        return 0.0, np.inf
-    own = found[known] / told[known]
-    weight = told[known]
-    design = np.column_stack([np.ones(known.sum()), share[known]])
-    normal = design.T @ (design * weight[:, None])
-    solution = np.linalg.solve(normal, design.T @ (weight * own))
-    spread = float((weight * (own - design @ solution) ** 2).sum() / max(known.sum() - 2, 1))
-    std = float(np.sqrt(np.linalg.inv(normal)[1, 1] * max(spread, 1.0)))
-    return float(solution[1]), std
+        own = np.where((seen.frame == frame)[:, None], normal.by_lens[:, :, 0], 0.0)
+        left[frame] = normal.unexplained(own)
+    heavy = left * weights[None, :, None]
+    information = np.einsum("fni,gni->fg", heavy, left, optimize=True)
+    score = np.einsum("fni,ni->f", heavy, adjusted.residuals)
+    covariance = np.linalg.pinv(information, rcond=_RANK, hermitian=True)
+    deviation = covariance @ score
+    share = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-9)
+    told = float(share @ information @ share)
+    drift = float(share @ score) / told if told > 0 else 0.0
+    apart = score - information @ share * drift
+    excess = max(float(apart @ covariance @ apart) / max(frames - 2, 1), 1.0)
+    std = np.sqrt(np.clip(np.diag(covariance), 0, None) * excess)
+    return FocalCourse(time_s, deviation, std, drift, float(np.sqrt(excess / told)) if told > 0 else np.inf)

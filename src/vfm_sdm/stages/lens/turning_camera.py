@@ -5,9 +5,9 @@ point in direction d (unit vector) and at distance 1 / rho from the point of rot
 
     y = R d - rho l
 
-in the camera's axes: a far scene or no lever leaves the rotation alone. Rows are exposed one after another: a row that is
-read when the share s of the read-out time T has passed since the middle row sees the camera turned on by T s w, with the
-rate of rotation w.
+in the camera's axes: a far scene or no lever leaves the rotation alone. Rows are exposed one after another: a row that
+is read when the share s of the read-out time T has passed since the middle row sees the camera turned on by T s w, with
+the rate of rotation w.
 """
 
 from dataclasses import dataclass, replace
@@ -19,11 +19,13 @@ from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.geometry.distortion import distort, distort_derivative
 
-__all__ = ["LENS", "LensClip", "Sightings", "TurningCamera"]
+__all__ = ["LENS", "LEVER", "LensClip", "Sightings", "TurningCamera"]
 
 LENS = ("log_focal", "cx", "cy", "k1", "k2", "lever_x", "lever_y", "lever_z", "nearness", "readout")
-"""The parameters that all frames share: ``log_focal`` [1]; ``cx, cy`` [px]; ``k1, k2`` [1]; the lever in the camera's axes
-[m]; ``nearness``, the mean of 1 / distance over the scene [1/m]; ``readout``, from the first row to the last [s]."""
+"""The parameters that all frames share: ``log_focal`` [1]; ``cx, cy`` [px]; ``k1, k2`` [1]; the lever in the camera's
+axes [m]; ``nearness``, the mean of 1 / distance over the scene [1/m]; ``readout``, from first row to last [s]."""
+LEVER = slice(5, 8)
+"""Where the lever stands in `LENS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +133,7 @@ class TurningCamera:
         return np.asarray(self.shared[3] + self.nearness[seen.point])
 
     def _project(self, rays: FloatArray) -> FloatArray:
-        return self.camera.pixels(distort(rays[:, :2] / rays[:, 2:], self.camera.distortion))
+        return np.asarray(self.camera.pixels(distort(rays[:, :2] / rays[:, 2:], self.camera.distortion)))
 
     @property
     def lever(self) -> FloatArray:
@@ -141,7 +143,7 @@ class TurningCamera:
     def tangents_seen(self, seen: Sightings) -> FloatArray:
         """`tangents` of each sighting's point in the camera's axes, shape (N, 3, 2)."""
         across = tangents(self.directions)[seen.point]
-        return np.einsum("nij,nja->nia", self.attitudes[seen.frame], across)
+        return np.asarray(np.einsum("nij,nja->nia", self.attitudes[seen.frame], across))
 
     def derivative_by_ray(self, seen: Sightings) -> FloatArray:
         """Derivative of the predicted pixels by the ray y, shape (N, 2, 3) [px]."""

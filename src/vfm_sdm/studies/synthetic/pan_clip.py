@@ -1,7 +1,7 @@
 """Clip of a camera that pans, tilts and rolls on its tripod before a street: with a lever and a rolling shutter.
 
-Scene: the point of rotation is the origin, x points right, y down, z forward in the middle of the pan [m]. Facades stand
-across the direction in which they are seen, near ones before a closed row of far ones.
+Scene: the point of rotation is the origin, x points right, y down, z forward in the middle of the pan [m]. Facades
+stand across the direction in which they are seen, near ones before a closed row of far ones.
 """
 
 from collections.abc import Iterator
@@ -82,8 +82,8 @@ class PanClip:
         near, far = self.distance_m
         if not (0 < near <= far and self.duration_s > 0):
             raise DatasetError(
-                f"pan clip: expected 0 < nearest <= farthest distance and a duration > 0 s, got {self.distance_m} m and "
-                f"{self.duration_s} s; correct them"
+                f"pan clip: expected 0 < nearest <= farthest distance and a duration > 0 s, got {self.distance_m} m "
+                f"and {self.duration_s} s; correct them"
             )
 
     def attitude(self, time_s: FloatArray) -> Rotation:

@@ -161,7 +161,7 @@ def test_focal_prior_in_pixels():
 
 
 def test_incomplete_lens_without_validation_has_no_focal_length():
-    with pytest.raises(SessionError, match="lens: expected focal_px"):
+    with pytest.raises(SessionError, match="lens: expected a focal length"):
         Lens.model_construct(focal_px=None, focal_mm=None, sensor_width_mm=None).focal_prior_px(100)
 
 
@@ -332,7 +332,7 @@ subset_px = 40
     text = str(caught.value)
     for expected in (
         "session.toml: 13 faults",
-        "view[left].lens.sensor_widht_mm: expected one of the keys focal_mm, sensor_width_mm, focal_px, relative_std",
+        "view[left].lens.sensor_widht_mm: expected one of the keys focal_mm, sensor_width_mm, focal_px, file, relative_std",
         "did you mean 'sensor_width_mm'",
         "metod: expected one of the keys",
         "did you mean 'method'",
@@ -369,11 +369,23 @@ FAULTS = {
     "negative fps": ({"view": [{"name": "left", "images": "*", "fps": -1}]}, r"fps: expected greater than 0, got -1"),
     "half a lens": (
         {"view": [{"name": "left", "video": "l", "lens": {"focal_mm": 25.0}}]},
-        r"view\[left\].lens: expected focal_px, or focal_mm with sensor_width_mm, got neither complete",
+        r"view\[left\].lens: expected focal_px, focal_mm with sensor_width_mm, or file, got no sensor_width_mm",
     ),
     "two lenses": (
         {"view": [{"name": "left", "video": "l", "lens": {"focal_mm": 25.0, "focal_px": 1.0}}]},
-        r"lens: expected focal_px or focal_mm with sensor_width_mm, got both",
+        r"lens: expected one of focal_px, .*, got focal_mm with sensor_width_mm and focal_px",
+    ),
+    "a lens of its own beside a file": (
+        {"view": [{"name": "left", "video": "l", "lens": {"file": "lens.toml", "focal_px": 900.0}}]},
+        r"lens: expected one of focal_px, .*, got focal_px and file; keep one of them",
+    ),
+    "a lens file with another interval": (
+        {"view": [{"name": "left", "video": "l", "lens": {"file": "lens.toml", "relative_std": 0.05}}]},
+        r"lens: relative_std: expected none beside a lens file, which states its own; remove it",
+    ),
+    "no lens": (
+        {"view": [{"name": "left", "video": "l", "lens": {"relative_std": 0.05}}]},
+        r"lens: expected focal_px, focal_mm with sensor_width_mm, or file, got none",
     ),
     "certain lens": (
         {"view": [{"name": "left", "video": "l", "lens": {"focal_px": 25.0, "relative_std": 0.0}}]},
