@@ -27,6 +27,7 @@ from vfm_sdm.commands import tables as reports
 from vfm_sdm.commands.acceptance import accept, verify
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
+from vfm_sdm.commands.lens import lens
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions
 from vfm_sdm.core.progress import Progress as Callback
 from vfm_sdm.core.registry import find
@@ -52,6 +53,7 @@ weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundatio
 app.command(weights)
 app.command(accept)
 app.command(verify)
+app.command(lens)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]

@@ -1,11 +1,11 @@
 """Least-squares adjustment of a turning camera to its clip, and the covariance of the lens."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.stages.lens.nearness import lever_precision, log_volume, taken_by_nearness
+from vfm_sdm.stages.lens.nearness import lever_precision, log_volume, taken_by_points
 from vfm_sdm.stages.lens.normal_equations import NormalEquations, invert_scaled, solve_scaled
 from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, LensClip, TurningCamera
 
@@ -33,6 +33,8 @@ class AdjustedClip:
     ----------
     camera
         Lens, lever, attitudes and scene at the solution.
+    clip
+        What was adjusted.
     lens
         Values of `LENS`, shape (10,): those of ``camera`` less the bias that the points' distances bring.
     covariance
@@ -46,6 +48,7 @@ class AdjustedClip:
     """
 
     camera: TurningCamera
+    clip: LensClip
     lens: FloatArray
     covariance: FloatArray
     residuals: FloatArray
@@ -82,6 +85,8 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
     """
     now, noise = start, 1.0
     for _ in range(_NOISE_ROUNDS):
+        # What stretching does to a detector is as much as what noise does.
+        clip = replace(clip, growth_std=noise / now.camera.focal_px)
         now = _converge(now, clip, noise)
         if now.shared[3] < 0:
             # Lever and nearness tell their product: with both signs turned round the scene lies before the camera.
@@ -97,7 +102,7 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
     covariance = np.zeros((len(LENS), len(LENS)))
     covariance[np.ix_(free, free)] = invert_scaled(normal.reduced)[np.ix_(free, free)]
     lens = now.lens - _bias(now, clip, weights / noise**2)
-    return AdjustedClip(now, lens, covariance, residuals, weights, noise)
+    return AdjustedClip(now, clip, lens, covariance, residuals, weights, noise)
 
 
 def _converge(start: TurningCamera, clip: LensClip, noise: float) -> TurningCamera:
@@ -130,7 +135,8 @@ def _cost(now: TurningCamera, clip: LensClip, noise: float) -> float:
     free = std > 0
     apart = ((now.lens - mean)[free] / std[free]) ** 2
     volume = log_volume(now, clip, _weigh(residuals, noise) / noise**2)
-    return float(loss + apart.sum() + ((now.nearness / clip.nearness_std) ** 2).sum() + 2 * volume)
+    own = ((now.nearness / clip.nearness_std) ** 2).sum() + ((now.growth / clip.growth_std) ** 2).sum()
+    return float(loss + apart.sum() + own + 2 * volume)
 
 
 def _weigh(residuals: FloatArray, noise: float) -> FloatArray:
@@ -142,7 +148,7 @@ def _estimate_noise(now: TurningCamera, clip: LensClip, noise: float) -> float:
     """Standard deviation of a sighting along one axis [px]."""
     residuals, seen = now.residuals(clip.seen), clip.seen
     sightings = np.bincount(seen.point)
-    taken = 2 + taken_by_nearness(now, clip, _weigh(residuals, noise) / noise**2)
+    taken = taken_by_points(now, clip, _weigh(residuals, noise) / noise**2)
     left = 1 - taken / (2 * sightings)
     shared = len(LENS) + 3 * (seen.frames - 1)
     left *= max(1 - shared / float((2 * sightings * left).sum()), 0.0)

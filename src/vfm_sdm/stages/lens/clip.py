@@ -6,71 +6,32 @@ import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.statuses import LensStatus
-from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.lens.adjustment import AdjustedClip, adjust_clip
 from vfm_sdm.stages.lens.key_frames import KeyFrames, choose_key_frames, detect_in, follow_clip
+from vfm_sdm.stages.lens.scene import READOUT_S, PanScene, begin_adjustment, plain_camera
 from vfm_sdm.stages.lens.sightings import Pair, join_pairs, match_key_frames
 from vfm_sdm.stages.lens.start import chain_turns, search_focal
 from vfm_sdm.stages.lens.steadiness import FocalCourse, follow_focal
-from vfm_sdm.stages.lens.turning_camera import LensClip, Sightings, TurningCamera
+from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, Sightings
 
-__all__ = ["LensEstimate", "PanScene", "estimate_lens"]
+__all__ = ["LensEstimate", "estimate_lens"]
 
 _SIGHTINGS = 3
 """Key frames that must see a place: two tell of the turn between them alone."""
 _ROUNDS = 2
 _MOST_POINTS = 1200
 _LEAST_FRAMES, _LEAST_POINTS = 5, 60
-_FOCAL_STD = 1.0
-_CENTRE_STD = 0.015
-"""Principal point from the image centre, over the image diagonal."""
-_K1_CORNER_STD, _K2_CORNER_STD = 0.1, 0.03
-"""Radial distortion at the image corner, over the radius: of lenses of any field of view."""
-_READOUT_S = 0.012
-"""Read-out of a picture, and its standard deviation: rolling shutters take 5 to 30 ms, global ones none [s]."""
 _MOST_FOCAL_STD = 0.03
 _MOST_NOISE = 1e-3
 """Noise of a sighting over the longer side beyond which something else than turns moves the picture: features are found
 to a fifth of that."""
 _CLEAR = 4.0
 _MOST_DRIFT = 1e-3
-
-
-@dataclass(frozen=True)
-class PanScene:
-    """What is known of a pan clip's scene and tripod.
-
-    Parameters
-    ----------
-    nearest_m, farthest_m
-        Distances between which the scene lies [m].
-    lever_std_m
-        Standard deviation of the lever along each axis, from the point about which the camera turns to its lens [m].
-
-    Raises
-    ------
-    DatasetError
-        A distance is not positive, they are in the wrong order, or the standard deviation is negative.
-    """
-
-    nearest_m: float = 50.0
-    farthest_m: float = 1000.0
-    lever_std_m: float = 0.08
-
-    def __post_init__(self) -> None:
-        if not (0 < self.nearest_m <= self.farthest_m and self.lever_std_m >= 0):
-            raise DatasetError(
-                f"pan clip: expected 0 < nearest <= farthest distance and a lever >= 0 m, got {self.nearest_m:g}, "
-                f"{self.farthest_m:g} and {self.lever_std_m:g} m; correct them"
-            )
-
-    @property
-    def nearness(self) -> tuple[float, float]:
-        """Mean and standard deviation of 1 / distance, as if every value between the ends were as likely [1/m]."""
-        near, far = 1 / self.nearest_m, 1 / self.farthest_m
-        return (near + far) / 2, max((near - far) / np.sqrt(12), 1e-3 * near)
+_LEFT_OUT_PX = 0.1
+"""What lens model and detectors leave out at the edge of the picture: errors of calibrations with good targets."""
+_WORTHWHILE, _COARSE = 0.7, 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +52,6 @@ class LensEstimate:
         Sentences on what was found.
     adjusted
         The adjustment, where there was one.
-    clip
-        What was adjusted.
     course
         Focal length over time.
     """
@@ -102,13 +61,27 @@ class LensEstimate:
     covariance: FloatArray = field(default_factory=lambda: np.full((4, 4), np.nan))
     notes: tuple[str, ...] = ()
     adjusted: AdjustedClip | None = None
-    clip: LensClip | None = None
     course: FocalCourse | None = None
 
     @property
     def usable(self) -> bool:
         """Whether the lens may be taken for the recording's."""
         return self.status == LensStatus.OK
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What would make the focal length better known."""
+        if self.adjusted is None or not self.usable:
+            return ()
+        held = _std_without_lever(self.adjusted)
+        if held < _WORTHWHILE * self.focal_std:
+            return (
+                f"a scene farther away, or the lens over the axes of the head, would bring {self.focal_std:.2%} to "
+                f"{held:.2%}",
+            )
+        if self.focal_std > _COARSE:
+            return ("a longer clip that turns farther, also about the lens's own axis, would tell the lens better",)
+        return ()
 
     @property
     def focal_std(self) -> float:
@@ -158,21 +131,18 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
     if len(connected) < _LEAST_FRAMES or len(np.unique(point)) < _LEAST_POINTS:
         return LensEstimate(LensStatus.FEW_PLACES, notes=("film a scene with more texture, and turn more slowly",))
     chosen = keys.numbers[connected]
-    seen = Sightings(frame, point, pixel, motion.turn_rates(chosen, _plain_camera(focal, size), _READOUT_S))
-    camera, clip = _begin(seen, attitudes[connected], (focal, size), scene)
+    rates = motion.turn_rates(chosen, plain_camera(focal, size), readout_s=READOUT_S, shift=np.zeros(3))
+    seen = Sightings(frame, point, pixel, *rates)
+    camera, clip = begin_adjustment(seen, attitudes[connected], (focal, size), scene)
     adjusted = adjust_clip(camera, clip)
     for _ in range(_ROUNDS):
-        # The lens and the read-out that were found tell the rates better, and these the read-out.
+        # Lens, lever and read-out that were found tell the rates better, and these the read-out.
         camera = adjusted.camera
-        rates = motion.turn_rates(chosen, camera.camera, float(camera.shared[4]))
-        clip = replace(clip, seen=replace(seen, turn_rate=rates))
+        shift, readout = camera.shared[3] * camera.lever, float(camera.shared[4])
+        rate, change = motion.turn_rates(chosen, camera.camera, readout_s=readout, shift=shift)
+        clip = replace(clip, seen=replace(seen, turn_rate=rate, turn_change=change))
         adjusted = adjust_clip(camera, clip)
-    return _judge(adjusted, clip, motion.time_s[chosen])
-
-
-def _plain_camera(focal: float, size: tuple[int, int]) -> Camera:
-    """A camera with its principal point in the middle, without distortion."""
-    return Camera(np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]]), size)
+    return _judge(adjusted, motion.time_s[chosen])
 
 
 def _sightings(
@@ -197,39 +167,10 @@ def _sightings(
     return frame[used], renumbered, pixel[used]
 
 
-def _begin(
-    seen: Sightings, attitudes: FloatArray, lens: tuple[float, tuple[int, int]], scene: PanScene
-) -> tuple[TurningCamera, LensClip]:
-    """Where the adjustment starts, and what is known before; the lens by its focal length [px] and image size."""
-    focal, (width, height) = lens
-    diagonal = float(np.hypot(width, height))
-    corner = diagonal / 2 / focal
-    nearness, nearness_std = scene.nearness
-    centre = np.array([(width - 1) / 2, (height - 1) / 2])
-    mean = np.array([np.log(focal), *centre, *[0.0] * 5, nearness, _READOUT_S])
-    levers = [scene.lever_std_m] * 3
-    centre_std = _CENTRE_STD * diagonal
-    std = np.array(
-        [
-            *(_FOCAL_STD, centre_std, centre_std, _K1_CORNER_STD / corner**2, _K2_CORNER_STD / corner**4),
-            *(*levers, nearness_std, _READOUT_S),
-        ]
-    )
-    rays = np.column_stack([(seen.pixel - centre) / focal, np.ones(len(seen))])
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    turned = np.einsum("nji,nj->ni", attitudes[seen.frame], rays)
-    directions = np.add.reduceat(turned, np.flatnonzero(np.diff(seen.point, prepend=-1)))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    camera = TurningCamera(
-        _plain_camera(focal, (width, height)), mean[5:], attitudes, directions, np.zeros(len(directions))
-    )
-    return camera, LensClip(seen, (mean, std), nearness_std)
-
-
-def _judge(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> LensEstimate:
+def _judge(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
     """The lens of an adjustment, and its status."""
     camera = adjusted.camera.camera
-    values = adjusted.lens
+    values, seen = adjusted.lens, adjusted.clip.seen
     width, height = camera.image_size
     K = camera.K.copy()
     K[:2, :2] *= np.exp(values[0] - np.log(camera.focal_px))
@@ -237,12 +178,12 @@ def _judge(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> LensEs
     distortion = np.array([*values[3:5], 0, 0, 0])
     found = Camera(K, camera.image_size, distortion)
     covariance = _as_one_coefficient(adjusted.covariance, found)
-    course = follow_focal(adjusted, clip, time_s)
+    covariance[0, 0] += (_LEFT_OUT_PX / (max(width, height) / 2)) ** 2
+    course = follow_focal(adjusted, time_s)
     # A drift that was found is spread evenly between its ends, and the recording may be at either.
     covariance[0, 0] += max(course.drift**2 - course.drift_std**2, 0.0) / 12
     notes = [
-        f"{len(time_s)} frames, {clip.seen.point.max() + 1} places, {len(clip.seen)} sightings to "
-        f"{adjusted.noise_px:.2f} px",
+        f"{len(time_s)} frames, {seen.point.max() + 1} places, {len(seen)} sightings to {adjusted.noise_px:.2f} px",
         f"lever {np.linalg.norm(adjusted.camera.lever):.2f} m, scene at about {1 / values[8]:.0f} m, read-out "
         f"{1e3 * values[9]:.0f} ms",
     ]
@@ -254,7 +195,7 @@ def _judge(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> LensEs
     elif abs(course.drift) > max(_CLEAR * course.drift_std, _MOST_DRIFT):
         status = LensStatus.CHANGING
         notes.append(f"the focal length changes by {course.drift:+.2%} during the clip; lock focus and zoom")
-    return LensEstimate(status, found, covariance, tuple(notes), adjusted, clip, course)
+    return LensEstimate(status, found, covariance, tuple(notes), adjusted, course)
 
 
 def _as_one_coefficient(covariance: FloatArray, camera: Camera) -> FloatArray:
@@ -269,3 +210,11 @@ def _as_one_coefficient(covariance: FloatArray, camera: Camera) -> FloatArray:
     take = np.eye(4, 5)
     take[3, 4] = float((r2**4).mean() / (r2**3).mean())
     return np.asarray(take @ covariance[:5, :5] @ take.T)
+
+
+def _std_without_lever(adjusted: AdjustedClip) -> float:
+    """Relative standard deviation of the focal length if the lens lay in the point of rotation [1]."""
+    free = np.flatnonzero(np.diag(adjusted.covariance) > 0)
+    precision = np.linalg.inv(adjusted.covariance[np.ix_(free, free)])
+    others = [row for row, value in enumerate(free) if value not in range(*LEVER.indices(len(LENS)))]
+    return float(np.sqrt(np.linalg.inv(precision[np.ix_(others, others)])[0, 0]))

@@ -51,8 +51,10 @@ class ClipMotion:
         # A frame's speed is the mean of the steps to it and from it; at the ends there is one.
         return np.asarray(np.stack([np.append(step[:1], step), np.append(step, step[-1:])]).mean(axis=0))
 
-    def turn_rates(self, numbers: IntArray, camera: Camera, readout_s: float) -> FloatArray:
-        """Rates of rotation in the camera's axes, shape (K, 3) [rad/s].
+    def turn_rates(
+        self, numbers: IntArray, camera: Camera, *, readout_s: float, shift: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Rates of rotation in the camera's axes at the middle rows of frames, and their change.
 
         Parameters
         ----------
@@ -62,29 +64,41 @@ class ClipMotion:
             Approximate intrinsics.
         readout_s
             Approximate time from the first row to the last [s].
-        """
-        rates = []
-        for number in numbers.tolist():
-            about = [step for step in (number - 1, number) if 0 <= step < len(self.steps) and self.steps[step].size]
-            # The step to a frame and that from it, whose mean is the rate at the frame.
-            steps = [self._rate(step, camera, readout_s) for step in about]
-            rates.append(np.mean(steps, axis=0) if steps else np.zeros(3))
-        return np.array(rates)
+        shift
+            Approximate lever over the distance of the scene, shape (3,) [1].
 
-    def _rate(self, step: int, camera: Camera, readout_s: float) -> FloatArray:
-        """Rate of rotation (3,) [rad/s] from one frame to the next, by the corners that agree."""
-        corners = self.steps[step]
+        Returns
+        -------
+        rate, change
+            Shapes (K, 3) [rad/s] and [rad/s2].
+        """
+        rates, changes = np.zeros((len(numbers), 3)), np.zeros((len(numbers), 3))
+        for row, number in enumerate(numbers.tolist()):
+            about = [step for step in (number - 1, number) if 0 <= step < len(self.steps) and self.steps[step].size]
+            found = [self._rate(step, camera, readout_s, shift) for step in about]
+            if len(found) == 2:
+                (before, rate), (after, following) = found
+                changes[row] = (following - rate) / (after - before)
+                rates[row] = rate + changes[row] * (self.time_s[number] - before)
+            elif found:
+                rates[row] = found[0][1]
+        return rates, changes
+
+    def _rate(self, step: int, camera: Camera, readout_s: float, shift: FloatArray) -> tuple[float, FloatArray]:
+        """Time [s] and rate of rotation (3,) [rad/s] from one frame to the next, by the corners that agree."""
+        corners, height = self.steps[step], camera.image_size[1]
         slopes = camera.normalize(corners)
         rays = np.concatenate([slopes, np.ones((*slopes.shape[:2], 1))], axis=2)
         rays /= np.linalg.norm(rays, axis=2, keepdims=True)
         known = np.isfinite(rays).all(axis=(0, 2))
         first, second = rays[:, known]
-        # A corner that has moved to a later row is seen later than the next frame's middle row.
-        later = (corners[1, known, 1] - corners[0, known, 1]) / camera.image_size[1]
-        between = self.time_s[step + 1] - self.time_s[step] + readout_s * later
+        # A row below the middle is seen later than the frame's own time.
+        times = self.time_s[step : step + 2, None] + readout_s * ((corners[:, known, 1] + 0.5) / height - 0.5)
+        between = times[1] - times[0]
         rate, weights = np.zeros(3), np.ones(len(first))
         for _ in range(_RATE_ROUNDS):
-            turned = Rotation.from_rotvec(between[:, None] * rate).apply(first)
+            turned = Rotation.from_rotvec(between[:, None] * rate).apply(first + shift) - shift
+            turned /= np.linalg.norm(turned, axis=1, keepdims=True)
             error = second - turned
             size = np.linalg.norm(error, axis=1)
             if rate.any():
@@ -92,7 +106,7 @@ class ClipMotion:
             across = np.eye(3) - turned[:, :, None] * turned[:, None, :]
             told = np.einsum("n,nij->ij", weights * between**2, across)
             rate = rate + np.linalg.solve(told, (weights * between) @ np.cross(turned, error))
-        return rate
+        return float(np.average(times.mean(axis=0), weights=weights)), rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +201,8 @@ def choose_key_frames(motion: ClipMotion, image_size: tuple[int, int]) -> IntArr
     steps = np.diff(motion.time_s, prepend=motion.time_s[0])
     path = np.cumsum(np.where(known, speed, 0.0) * steps)
     stretch = np.floor(path / max(_STEP * longer, path[-1] / _MOST)).astype(int)
+    # The first and the last frame have a neighbour on one side, which tells no rate at the frame itself.
+    known[[0, -1]] = False
     slowness = np.where(known, speed, np.inf)
     chosen = [rows[slowness[rows].argmin()] for rows in (np.flatnonzero(stretch == n) for n in np.unique(stretch))]
     return np.array([number for number in chosen if known[number]], np.intp)

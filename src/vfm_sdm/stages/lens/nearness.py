@@ -8,7 +8,7 @@ the volume that the data leave them: half the logarithm of ``1 + x`` a point, wi
     x = s^2 l' Q l
 
 where s is the deviations' standard deviation, l the lever, and Q what the point's sightings tell of a shift against the
-lever, after its direction has taken its part.
+lever, after its direction and its growth have taken their parts.
 
 References
 ----------
@@ -23,7 +23,7 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.stages.lens.turning_camera import LensClip, TurningCamera
 
-__all__ = ["PointSums", "information_on_shift", "lever_precision", "log_volume", "taken_by_nearness"]
+__all__ = ["PointSums", "information_on_shift", "lever_precision", "log_volume", "taken_by_points"]
 
 
 class PointSums:
@@ -57,11 +57,12 @@ def information_on_shift(camera: TurningCamera, clip: LensClip, weights: FloatAr
     """
     sums = PointSums(clip.seen.point)
     by_ray = camera.derivative_by_ray(clip.seen)
-    by_direction = by_ray @ camera.tangents_seen(clip.seen)
+    own = np.concatenate([by_ray @ camera.tangents_seen(clip.seen), -by_ray[:, :, 2:]], axis=2)
     heavy = (by_ray * weights[:, None, None]).swapaxes(1, 2)
-    both = sums(heavy @ by_direction)
-    direction = sums((by_direction * weights[:, None, None]).swapaxes(1, 2) @ by_direction)
-    return np.asarray(sums(heavy @ by_ray) - both @ np.linalg.solve(direction, both.swapaxes(1, 2)))
+    both = sums(heavy @ own)
+    known = sums((own * weights[:, None, None]).swapaxes(1, 2) @ own)
+    known[:, 2, 2] += 1 / clip.growth_std**2
+    return np.asarray(sums(heavy @ by_ray) - both @ np.linalg.solve(known, both.swapaxes(1, 2)))
 
 
 def _volumes(camera: TurningCamera, clip: LensClip, information: FloatArray) -> FloatArray:
@@ -83,10 +84,27 @@ def lever_precision(camera: TurningCamera, clip: LensClip, weights: FloatArray) 
     return np.asarray(np.einsum("p,pij->ij", share, information))
 
 
-def taken_by_nearness(camera: TurningCamera, clip: LensClip, weights: FloatArray) -> FloatArray:
-    """Number of values, 0 to 1, that each point's deviation takes from its residuals, shape (P,)."""
-    volumes = _volumes(camera, clip, information_on_shift(camera, clip, weights))
-    return np.asarray(volumes / (1 + volumes))
+def taken_by_points(camera: TurningCamera, clip: LensClip, weights: FloatArray) -> FloatArray:
+    """Number of values, 2 to 4, that each point takes from its residuals, shape (P,).
+
+    Parameters
+    ----------
+    camera
+        Where the sightings are predicted from.
+    clip
+        The sightings.
+    weights
+        Weight of each sighting, shape (N,) [1/px2].
+
+    Notes
+    -----
+    The trace of ``(A + P)^-1 A``, with the information A of the sightings and P of the prior.
+    """
+    by_point = camera.derivatives(clip.seen)[2]
+    sums = PointSums(clip.seen.point)
+    told = sums((by_point * weights[:, None, None]).swapaxes(1, 2) @ by_point)
+    prior = np.diag([0.0, 0.0, clip.nearness_std**-2, clip.growth_std**-2])
+    return np.asarray(np.trace(np.linalg.solve(told + prior, told), axis1=1, axis2=2))
 
 
 def log_volume(camera: TurningCamera, clip: LensClip, weights: FloatArray) -> float:

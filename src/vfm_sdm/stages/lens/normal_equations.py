@@ -56,8 +56,9 @@ class NormalEquations:
         self._coupling = self._couple()
         points = self._sums(self._heavy(self.by_point) @ self.by_point)
         points[:, 2, 2] += 1 / clip.nearness_std**2
+        points[:, 3, 3] += 1 / clip.growth_std**2
         full[np.diag_indices(self._size)] *= 1 + damping
-        points[:, range(3), range(3)] *= 1 + damping
+        points[:, range(4), range(4)] *= 1 + damping
         self._points = np.linalg.inv(points)
         carried = self._coupling @ self._points
         self.reduced = full - np.tensordot(carried, self._coupling, axes=([0, 2], [0, 2]))
@@ -74,6 +75,7 @@ class NormalEquations:
             shared[LEVER] -= self._lever @ camera.lever
         shared[self._held] = 0.0
         points[:, 2] -= camera.nearness / clip.nearness_std**2
+        points[:, 3] -= camera.growth / clip.growth_std**2
         return self._moved(*self._solve(shared, points))
 
     def along(self, shared: FloatArray) -> TurningCamera:
@@ -98,7 +100,7 @@ class NormalEquations:
         return np.asarray(values - explained - (self.by_point @ points[seen.point][:, :, None])[:, :, 0])
 
     def _solve(self, shared: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Steps of the shared values (C,) and of the points (P, 3) from the gradients."""
+        """Steps of the shared values (C,) and of the points (P, 4) from the gradients."""
         step = solve_scaled(self.reduced, shared - np.einsum("pca,pa->c", self._carried, points))
         back = points - np.einsum("pca,c->pa", self._coupling, step)
         return step, np.einsum("pab,pb->pa", self._points, back)
@@ -111,7 +113,7 @@ class NormalEquations:
         return np.asarray((derivative * self.weights[:, None, None]).swapaxes(1, 2))
 
     def _gradient(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Sums of derivatives times ``values`` (N, 2) over the shared values (C,) and the points (P, 3)."""
+        """Sums of derivatives times ``values`` (N, 2) over the shared values (C,) and the points (P, 4)."""
         seen, column = self._clip.seen, values[:, :, None]
         shared = np.zeros(self._size)
         shared[:_LENS] = (self._heavy(self.by_lens) @ column)[:, :, 0].sum(axis=0)
@@ -144,11 +146,11 @@ class NormalEquations:
         return full
 
     def _couple(self) -> FloatArray:
-        """Of the shared values with each point, shape (P, C, 3)."""
+        """Of the shared values with each point, shape (P, C, 4)."""
         seen = self._clip.seen
-        coupling = np.zeros((int(seen.point[-1]) + 1, self._size, 3))
+        coupling = np.zeros((int(seen.point[-1]) + 1, self._size, 4))
         coupling[:, :_LENS] = self._sums(self._heavy(self.by_lens) @ self.by_point)
-        turns = coupling[:, _LENS:].reshape(len(coupling), seen.frames, 3, 3)
+        turns = coupling[:, _LENS:].reshape(len(coupling), seen.frames, 3, 4)
         np.add.at(turns, (seen.point, seen.frame), self._heavy(self.by_turn) @ self.by_point)
         coupling[:, self._held] = 0.0
         return coupling

@@ -7,7 +7,6 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.stages.lens.adjustment import AdjustedClip
 from vfm_sdm.stages.lens.normal_equations import NormalEquations
-from vfm_sdm.stages.lens.turning_camera import LensClip
 
 __all__ = ["FocalCourse", "follow_focal"]
 
@@ -40,15 +39,13 @@ class FocalCourse:
     drift_std: float
 
 
-def follow_focal(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> FocalCourse:
+def follow_focal(adjusted: AdjustedClip, time_s: FloatArray) -> FocalCourse:
     """Focal length of each key frame by itself, and its drift.
 
     Parameters
     ----------
     adjusted
         The adjustment, with one focal length for all frames.
-    clip
-        Its sightings.
     time_s
         When the key frames were taken, shape (F,) [s].
 
@@ -59,6 +56,7 @@ def follow_focal(adjusted: AdjustedClip, clip: LensClip, time_s: FloatArray) -> 
     the frames about the line widens the standard deviations where it is larger than the sightings' noise explains, so
     that errors which all sightings of a frame share are in them.
     """
+    clip = adjusted.clip
     seen, frames = clip.seen, clip.seen.frames
     weights = adjusted.weights / adjusted.noise_px**2
     normal = NormalEquations(adjusted.camera, clip, weights)

@@ -3,11 +3,13 @@
 The optical centre lies beside the point of rotation by the lever ``l``, a vector that turns with the camera. A scene
 point in direction d (unit vector) and at distance 1 / rho from the point of rotation is seen along
 
-    y = R d - rho l
+    y = R d - rho l - g e
 
-in the camera's axes: a far scene or no lever leaves the rotation alone. Rows are exposed one after another: a row that
-is read when the share s of the read-out time T has passed since the middle row sees the camera turned on by T s w, with
-the rate of rotation w.
+in the camera's axes: a far scene or no lever leaves the rotation alone. Off the axis a picture is stretched, and what a
+detector takes for the middle of a place moves with that: by g times its distance from the axis, which is what a shift
+along the axis e does, too. Rows are exposed one after another: a row that
+is read when the share s of the read-out time T has passed since the middle row sees the camera turned on by the
+rotation vector T s w + (T s)^2 a / 2, with the rate of rotation w and its change a.
 """
 
 from dataclasses import dataclass, replace
@@ -39,13 +41,16 @@ class Sightings:
     pixel
         Shape (N, 2) [px].
     turn_rate
-        Rate of rotation of each frame in the camera's axes, shape (F, 3) [rad/s].
+        Rate of rotation of each frame's middle row in the camera's axes, shape (F, 3) [rad/s].
+    turn_change
+        Change of that rate, shape (F, 3) [rad/s2].
     """
 
     frame: IntArray
     point: IntArray
     pixel: FloatArray
     turn_rate: FloatArray
+    turn_change: FloatArray
 
     @property
     def frames(self) -> int:
@@ -72,6 +77,8 @@ class TurningCamera:
         Unit vectors to the scene points, shape (P, 3).
     nearness
         Deviation of each point's 1 / distance from the mean, shape (P,) [1/m].
+    growth
+        Each point's g, shape (P,) [1].
     """
 
     camera: Camera
@@ -79,6 +86,7 @@ class TurningCamera:
     attitudes: FloatArray
     directions: FloatArray
     nearness: FloatArray
+    growth: FloatArray
 
     @property
     def lens(self) -> FloatArray:
@@ -96,7 +104,8 @@ class TurningCamera:
         turns
             Rotation vectors in the camera's axes, shape (F, 3) [rad].
         points
-            Step of each point across its direction [rad] (along `tangents`) and of its nearness [1/m], shape (P, 3).
+            Step of each point across its direction [rad] (along `tangents`), of its nearness [1/m] and growth [1],
+            shape (P, 4).
         """
         camera = self.camera.perturbed([*lens[:4], *[0.0] * 6])
         distortion = camera.distortion.copy()
@@ -108,6 +117,7 @@ class TurningCamera:
             Rotation.from_rotvec(turns).as_matrix() @ self.attitudes,
             directions / np.linalg.norm(directions, axis=1, keepdims=True),
             self.nearness + points[:, 2],
+            self.growth + points[:, 3],
         )
 
     def mirrored(self) -> "TurningCamera":
@@ -121,13 +131,18 @@ class TurningCamera:
 
     def _rays(self, seen: Sightings) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Rays y (N, 3), turned directions (N, 3), and the turn since the middle row per second of read-out (N, 3)."""
-        height = self.camera.image_size[1]
-        share = (seen.pixel[:, 1] - (height - 1) / 2) / height
-        turn = share[:, None] * seen.turn_rate[seen.frame]
+        height, readout = self.camera.image_size[1], self.shared[4]
+        share = ((seen.pixel[:, 1] - (height - 1) / 2) / height)[:, None]
+        rate, change = seen.turn_rate[seen.frame], seen.turn_change[seen.frame]
+        turn = readout * share * (rate + readout * share / 2 * change)
         turned = np.einsum("nij,nj->ni", self.attitudes[seen.frame], self.directions[seen.point])
-        # The turn within one frame is a few milliradians at most: its square moves no pixel by a hundredth.
-        turned = turned + self.shared[4] * np.cross(turn, turned)
-        return turned - self._closeness(seen)[:, None] * self.lever, turned, turn
+        onward = np.cross(turn, turned)
+        # The turn within one frame is some milliradians: its cube moves no pixel by a thousandth.
+        turned = turned + onward + np.cross(turn, onward) / 2
+        by_readout = share * (rate + readout * share * change)
+        rays = turned - self._closeness(seen)[:, None] * self.lever
+        rays[:, 2] -= self.growth[seen.point]
+        return rays, turned, by_readout
 
     def _closeness(self, seen: Sightings) -> FloatArray:
         return np.asarray(self.shared[3] + self.nearness[seen.point])
@@ -161,7 +176,7 @@ class TurningCamera:
         -------
         by_lens, by_turn, by_point
             By `LENS`, shape (N, 2, 10); by the rotation vector of the sighting's frame, (N, 2, 3); by the step of its
-            point as in `moved`, (N, 2, 3).
+            point as in `moved`, (N, 2, 4).
         """
         rays, turned, turn = self._rays(seen)
         slope = rays[:, :2] / rays[:, 2:]
@@ -181,7 +196,8 @@ class TurningCamera:
             ],
             axis=2,
         )
-        by_point = np.concatenate([by_ray @ self.tangents_seen(seen), -(by_ray @ lever)[:, :, None]], axis=2)
+        across = by_ray @ self.tangents_seen(seen)
+        by_point = np.concatenate([across, -(by_ray @ lever)[:, :, None], -by_ray[:, :, 2:]], axis=2)
         return by_lens, -by_ray @ _cross_matrices(turned), by_point
 
 
@@ -197,11 +213,14 @@ class LensClip:
         Mean of `LENS` and standard deviations in their units, two arrays of shape (10,); zero holds a value.
     nearness_std
         Standard deviation of single points' 1 / distance about the mean [1/m].
+    growth_std
+        Standard deviation of their growth [1].
     """
 
     seen: Sightings
     prior: tuple[FloatArray, FloatArray]
     nearness_std: float
+    growth_std: float = 1e-4
 
 
 def tangents(directions: FloatArray) -> FloatArray:

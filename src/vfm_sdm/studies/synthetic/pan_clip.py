@@ -109,16 +109,16 @@ class _Facade:
     texels_per_m: float
 
     def render(self, center: FloatArray, rays: FloatArray, luma: FloatArray, depth: FloatArray) -> None:
-        """Draws over what is farther; ``rays`` (H, W, 3) in the scene's axes."""
+        """Draws over what is farther; ``center`` (H, 3) of each row and ``rays`` (H, W, 3) in the scene's axes."""
         across = np.array([np.cos(self.azimuth), 0.0, -np.sin(self.azimuth)])
         normal = np.array([np.sin(self.azimuth), 0.0, np.cos(self.azimuth)])
         toward = rays @ normal
         reach = np.where(
-            toward > 0.05, (self.distance - center @ normal) / np.where(toward > 0.05, toward, 1.0), np.inf
+            toward > 0.05, (self.distance - (center @ normal)[:, None]) / np.where(toward > 0.05, toward, 1.0), np.inf
         )
         with np.errstate(invalid="ignore"):
-            along = center @ across + reach * (rays @ across)
-            down = center[1] + reach * rays[..., 1]
+            along = (center @ across)[:, None] + reach * (rays @ across)
+            down = center[:, 1:2] + reach * rays[..., 1]
             hit = (reach < depth) & (np.abs(along) <= self.half) & (down >= self.top)
         if not hit.any():
             return
@@ -162,8 +162,7 @@ def _look(plan: PanClip, facades: list[_Facade], rays: FloatArray, times: FloatA
     """Luma (H, W) with one time a row (H,)."""
     scene_from_camera = plan.attitude(times).inv().as_matrix()
     turned = np.einsum("hij,hwj->hwi", scene_from_camera, rays)
-    # Within a frame the optical centre moves by a hundredth of the lever: the middle row's stands for all.
-    center = scene_from_camera[len(times) // 2] @ np.asarray(plan.lever_m)
+    center = scene_from_camera @ np.asarray(plan.lever_m)
     luma, depth = np.full(turned.shape[:2], _SKY), np.full(turned.shape[:2], np.inf)
     for facade in facades:
         facade.render(center, turned, luma, depth)

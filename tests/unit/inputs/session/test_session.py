@@ -332,7 +332,8 @@ subset_px = 40
     text = str(caught.value)
     for expected in (
         "session.toml: 13 faults",
-        "view[left].lens.sensor_widht_mm: expected one of the keys focal_mm, sensor_width_mm, focal_px, file, relative_std",
+        "view[left].lens.sensor_widht_mm: expected one of the keys focal_mm, sensor_width_mm, focal_px, file, "
+        "relative_std",
         "did you mean 'sensor_width_mm'",
         "metod: expected one of the keys",
         "did you mean 'method'",
