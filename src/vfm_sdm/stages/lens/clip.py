@@ -6,6 +6,7 @@ import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.statuses import LensStatus
+from vfm_sdm.errors import CameraError, VideoError
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.lens.adjustment import AdjustedClip, adjust_clip
@@ -16,7 +17,7 @@ from vfm_sdm.stages.lens.start import chain_turns, search_focal
 from vfm_sdm.stages.lens.steadiness import FocalCourse, follow_focal
 from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, Sightings
 
-__all__ = ["LensEstimate", "estimate_lens"]
+__all__ = ["LensEstimate", "estimate_lens", "judge_lens", "merge_radial"]
 
 _SIGHTINGS = 3
 """Key frames that must see a place: two tell of the turn between them alone."""
@@ -31,6 +32,7 @@ _CLEAR = 4.0
 _MOST_DRIFT = 1e-3
 _LEFT_OUT_PX = 0.1
 """What lens model and detectors leave out at the edge of the picture: errors of calibrations with good targets."""
+_SQUARE = 1e-3
 _WORTHWHILE, _COARSE = 0.7, 0.005
 
 
@@ -104,6 +106,11 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
     estimate
         The lens, or a status that says why there is none.
 
+    Raises
+    ------
+    VideoError
+        The clip cannot be decoded, or its pixels are not square.
+
     Notes
     -----
     A camera that only turns sees any two pictures related by ``K R K^-1``, whatever the scene [1]_: the same scene
@@ -117,6 +124,11 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
     """
     scene = scene or PanScene()
     size = (video.info.width, video.info.height)
+    if abs(video.info.pixel_aspect - 1) > _SQUARE:
+        raise VideoError(
+            f"{video.info.source}: expected square pixels, got pixels {video.info.pixel_aspect:g} as wide as high; "
+            "film the pan clip in a mode with square ones"
+        )
     motion = follow_clip(video.frames())
     numbers = choose_key_frames(motion, size)
     if len(numbers) < _LEAST_FRAMES:
@@ -134,15 +146,18 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
     rates = motion.turn_rates(chosen, plain_camera(focal, size), readout_s=READOUT_S, shift=np.zeros(3))
     seen = Sightings(frame, point, pixel, *rates)
     camera, clip = begin_adjustment(seen, attitudes[connected], (focal, size), scene)
-    adjusted = adjust_clip(camera, clip)
-    for _ in range(_ROUNDS):
-        # Lens, lever and read-out that were found tell the rates better, and these the read-out.
-        camera = adjusted.camera
-        shift, readout = camera.shared[3] * camera.lever, float(camera.shared[4])
-        rate, change = motion.turn_rates(chosen, camera.camera, readout_s=readout, shift=shift)
-        clip = replace(clip, seen=replace(seen, turn_rate=rate, turn_change=change))
+    try:
         adjusted = adjust_clip(camera, clip)
-    return _judge(adjusted, motion.time_s[chosen])
+        for _ in range(_ROUNDS):
+            # Lens, lever and read-out that were found tell the rates better, and these the read-out.
+            camera = adjusted.camera
+            shift, readout = camera.shared[3] * camera.lever, float(camera.shared[4])
+            rate, change = motion.turn_rates(chosen, camera.camera, readout_s=readout, shift=shift)
+            clip = replace(clip, seen=replace(seen, turn_rate=rate, turn_change=change))
+            adjusted = adjust_clip(camera, clip)
+        return judge_lens(adjusted, motion.time_s[chosen])
+    except CameraError as error:  # singular: nothing to step along
+        return LensEstimate(LensStatus.NOT_DETERMINED, notes=(str(error),))
 
 
 def _sightings(
@@ -167,8 +182,16 @@ def _sightings(
     return frame[used], renumbered, pixel[used]
 
 
-def _judge(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
-    """The lens of an adjustment, and its status."""
+def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
+    """The lens of an adjustment, and its status.
+
+    Parameters
+    ----------
+    adjusted
+        The adjustment.
+    time_s
+        When the key frames were taken, shape (F,) [s].
+    """
     camera = adjusted.camera.camera
     values, seen = adjusted.lens, adjusted.clip.seen
     width, height = camera.image_size
@@ -177,7 +200,7 @@ def _judge(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
     K[:2, 2] = values[1:3]
     distortion = np.array([*values[3:5], 0, 0, 0])
     found = Camera(K, camera.image_size, distortion)
-    covariance = _as_one_coefficient(adjusted.covariance, found)
+    covariance = merge_radial(adjusted.covariance, found)
     covariance[0, 0] += (_LEFT_OUT_PX / (max(width, height) / 2)) ** 2
     course = follow_focal(adjusted, time_s)
     # A drift that was found is spread evenly between its ends, and the recording may be at either.
@@ -198,9 +221,18 @@ def _judge(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
     return LensEstimate(status, found, covariance, tuple(notes), adjusted, course)
 
 
-def _as_one_coefficient(covariance: FloatArray, camera: Camera) -> FloatArray:
+def merge_radial(covariance: FloatArray, camera: Camera) -> FloatArray:
     """Covariance of log_focal, cx, cy and k1, shape (4, 4), where k1 takes k2's part that looks like it.
 
+    Parameters
+    ----------
+    covariance
+        Of the first five of `LENS`, shape (5, 5) or larger, in their units.
+    camera
+        The lens.
+
+    Notes
+    -----
     The k1 that moves the pixels of the whole picture most nearly as k2 does, in the mean of squares, is k2 times the
     mean of r^8 over that of r^6.
     """
