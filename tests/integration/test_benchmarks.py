@@ -15,6 +15,7 @@ SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
+    "lens": ["--draws", "1", "--views", "40"],
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
     "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],
     "tracking": ["--frames", "4", "--slow-frames", "3", "--repeats", "1"],

@@ -74,6 +74,6 @@ def _tabulate(known: KnownLens, estimate: LensEstimate) -> Table:
     if estimate.course is not None:
         course = estimate.course
         table.add_row("change of focal length", f"{course.drift:+.3%}", f"{course.drift_std:.3%}")
-    # Displacement goes with the reciprocal of the focal length.
-    table.add_row("its part of displacement's scale", "", f"{std[0]:.2%}")
+    # Two cameras that look at one spot pay a focal length twice: by the rays, and by the distance that they give.
+    table.add_row("displacement's scale, no length known", "", f"about {2 * std[0]:.2%}")
     return table

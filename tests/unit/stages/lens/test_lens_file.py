@@ -96,7 +96,7 @@ def test_what_is_no_covariance_is_refused(known, path, covariance, message):
 
 
 def test_a_file_that_is_not_there_says_how_to_make_it(tmp_path):
-    with pytest.raises(CameraError, match="expected a lens file, got none.*vfm-sdm lens"):
+    with pytest.raises(CameraError, match=r"expected a lens file, got none.*vfm-sdm lens"):
         read_lens(tmp_path / "lens.toml")
 
 
