@@ -4,7 +4,8 @@ Sites, lenses, readings and matches are drawn with the standard deviations that 
 (`tests/measurements.py`), with fields of view of 14 to 90 degrees. The prior of the lenses is one of: none; true at 20,
 5 or 2 %; stated as 2 % and wrong by 10 to 50 % in both views, as with a wrong sensor width, or in one. Where it is true
 the share of scales inside their 95 % interval is the coverage; where it is false every scale has to be inside its
-interval or flagged, and the culprit named.
+interval or flagged, and the culprit named. ``--rendered`` takes rendered pictures of presets in place of simulated
+matches.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -22,36 +24,51 @@ from threadpoolctl import threadpool_limits
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
+from pairs import Base, make_rendered  # noqa: E402
+
 import measurements as m  # noqa: E402
 from simulation import SIZE, gain_error, project_all  # noqa: E402
+from vfm_sdm.core.registry import make  # noqa: E402
 from vfm_sdm.core.statuses import CameraStatus  # noqa: E402
+from vfm_sdm.geometry.camera import Rig  # noqa: E402
 from vfm_sdm.geometry.propagation import compute_gain_sensitivity, compute_gain_std  # noqa: E402
+from vfm_sdm.geometry.triangulation import triangulate  # noqa: E402
+from vfm_sdm.inputs.session import Lens, Method  # noqa: E402
 from vfm_sdm.stages.audit.lenses import find_unseen_lens_error  # noqa: E402
 from vfm_sdm.stages.cameras.site_problem import ALL_FOCALS  # noqa: E402
 from vfm_sdm.stages.cameras.solution import CameraSolution  # noqa: E402
+from vfm_sdm.stages.cameras.solve import solve_cameras  # noqa: E402
+from vfm_sdm.stages.cameras.two_view import TwoViewCameras  # noqa: E402
 
 PRIORS = ("none", "20 %", "5 %", "2 %", "both wrong", "one wrong")
 FALSE = ("both wrong", "one wrong")
+RENDERED = tuple((name, None) for name in ("data-1", "data-4", "surface-1", "surface-2", "demo"))
+RENDERED += tuple((name, 30.0) for name in ("data-4", "surface-2", "demo"))
+"""Presets of which pictures are rendered, and the angle at which the second camera stands where it is another [deg]."""
+RENDERED_WIDTH = 1280
 NORMAL_95, LIMIT, CAUTION = 1.96, 0.05, 4.0
 
 
 @dataclass(frozen=True)
 class Draw:
-    """One site: error of the vertical scale, its stated standard deviation, and what was said of it."""
+    """One site: error of the vertical scale, its stated standard deviation, and what was said of it.
+
+    Without cameras the error is NaN: inside no interval, and flagged by its status.
+    """
 
     seed: int
     prior: str
     view_deg: float
     wrong: float
     wrong_view: str
-    error: float
-    std: float
-    status: str
-    contradiction: float
-    worst: str
-    culprits: tuple[str, ...]
-    unchecked: float
-    cpu_s: float
+    error: float = np.nan
+    std: float = np.nan
+    status: str = ""
+    contradiction: float = 0.0
+    worst: str = ""
+    culprits: tuple[str, ...] = ()
+    unchecked: float = 0.0
+    cpu_s: float = 0.0
 
     @property
     def inside(self) -> bool:
@@ -78,29 +95,42 @@ class Draw:
         return said or 2 * self.std > LIMIT or self.unchecked > LIMIT
 
 
+@dataclass(frozen=True)
+class Stated:
+    """What is noted of both lenses: one focal length [px], its relative standard deviation, and how wrong it is."""
+
+    focal_px: float
+    std: float
+    errors: np.ndarray
+    wrong: float = 0.0
+    wrong_view: str = ""
+
+
+def draw_lens(rng: np.random.Generator, prior: str, true_px: float) -> Stated:
+    """What is noted of lenses of this focal length [px]; ``errors`` are the logarithms of noted over true ones."""
+    if prior == "none":
+        focal = 1.2 * max(SIZE)
+        return Stated(focal, 0.5, np.log(focal / true_px) + rng.normal(0, 0.01, 2) * [0, 1])
+    std = 0.02 if prior in FALSE else float(prior.split(maxsplit=1)[0]) / 100
+    errors = rng.normal(0, std, 2)
+    if prior not in FALSE:
+        return Stated(true_px, std, errors)
+    wrong = float(rng.choice([-1, 1]) * rng.uniform(np.log(1.1), np.log(1.5)))
+    # All that is noted of a lens is one focal length for both, and `Conditions` states errors of the noted one.
+    chosen = np.ones(2) if prior == "both wrong" else np.eye(2)[rng.integers(2)]
+    focal = true_px * np.exp(wrong) if prior == "both wrong" else true_px
+    return Stated(float(focal), std, errors + wrong * chosen, wrong, m.VIEWS[int(chosen.argmax())])
+
+
 def draw(seed: int, prior: str) -> Draw:
-    """A site of this seed with this prior of its lenses."""
+    """A simulated site of this seed with this prior of its lenses."""
     rng, noise, lens = (np.random.default_rng([seed, stream]) for stream in range(3))
     view_deg = lens.uniform(14, 90)
-    true_px = SIZE[0] / 2 / np.tan(np.radians(view_deg) / 2)
-    wrong, wrong_view = 0.0, ""
-    if prior == "none":
-        focal, std = 1.2 * max(SIZE), 0.5
-        errors = np.log(focal / true_px) + lens.normal(0, 0.01, 2) * [0, 1]
-    else:
-        focal, std = true_px, 0.02 if prior in FALSE else float(prior.split(maxsplit=1)[0]) / 100
-        errors = lens.normal(0, std, 2)
-        if prior in FALSE:
-            wrong = float(lens.choice([-1, 1]) * lens.uniform(np.log(1.1), np.log(1.5)))
-            # All that is noted of a lens is one focal length for both, and `Conditions` states errors of the noted one.
-            chosen = np.ones(2) if prior == "both wrong" else np.eye(2)[lens.integers(2)]
-            errors = errors + wrong * chosen
-            focal = true_px * np.exp(wrong) if prior == "both wrong" else true_px
-            wrong_view = m.VIEWS[int(chosen.argmax())]
+    stated = draw_lens(lens, prior, SIZE[0] / 2 / np.tan(np.radians(view_deg) / 2))
     drawn = m.draw_conditions(rng)
     corner_std = float(lens.choice([0.0, 0.025]))
     c = replace(
-        drawn, focal_px=float(focal), focal_std=std, focal_errors=tuple(float(e) for e in errors),
+        drawn, focal_px=stated.focal_px, focal_std=stated.std, focal_errors=tuple(float(e) for e in stated.errors),
         distortion_std=corner_std, distortion_errors=tuple(lens.normal(0, corner_std, 2) if corner_std else (0.0, 0.0)),
         duration_s=0.5,
     )  # fmt: skip
@@ -111,16 +141,59 @@ def draw(seed: int, prior: str) -> Draw:
     session = m._session(c, rig, points3d, clicked, pitch, "none")
     solution = m._solve(c, session, rig, clicked, noise)
     cpu_s = time.process_time() - start
-    sensitivity = compute_gain_sensitivity(project_all(rig, points3d[:1]), solution.rig)
+    return judge(Draw(seed, prior, view_deg, stated.wrong, stated.wrong_view), solution, rig, points3d[0], cpu_s)
+
+
+def draw_rendered(seed: int, prior: str) -> Draw:
+    """The same of the first pictures of a rendered site: its cameras, readings and places are those of its preset."""
+    lens = np.random.default_rng([seed, 2])
+    name, degrees = RENDERED[seed % len(RENDERED)]
+    base = rendered(name, degrees)
+    readings = sorted(base.sessions)[lens.integers(len(base.sessions))]
+    cameras = base.rig.cameras
+    stated = draw_lens(lens, prior, cameras[0].focal_px)
+    noted = [camera.focal_px * np.exp(error) for camera, error in zip(cameras, stated.errors, strict=True)]
+    lenses = [None if prior == "none" else Lens(focal_px=float(px), relative_std=stated.std) for px in noted]
+    session = base.sessions[readings]
+    views = [v.model_copy(update={"lens": one}) for v, one in zip(session.view, lenses, strict=True)]
+    start = time.process_time()
+    solution = solve_cameras(session.model_copy(update={"view": tuple(views)}), base.frames, matching())
+    cpu_s = time.process_time() - start
+    view_deg = 2 * np.degrees(np.arctan(cameras[0].image_size[0] / 2 / cameras[0].focal_px))
+    wrong_view = session.view[m.VIEWS.index(stated.wrong_view)].name if stated.wrong_view else ""
+    found = Draw(seed, prior, float(view_deg), stated.wrong, wrong_view)
+    if solution.rig is None:
+        return replace(found, status=str(solution.status), cpu_s=cpu_s)
+    middle = np.array([[(c.image_size[0] - 1) / 2, (c.image_size[1] - 1) / 2] for c in cameras])
+    return judge(found, solution, base.rig, triangulate(middle, base.rig), cpu_s)
+
+
+@lru_cache(maxsize=len(RENDERED))
+def rendered(name: str, degrees: float | None) -> Base:
+    return make_rendered(name, degrees, RENDERED_WIDTH)
+
+
+@lru_cache(maxsize=1)
+def matching() -> TwoViewCameras:
+    return make("cameras", Method())
+
+
+def judge(one: Draw, solution: CameraSolution, truth: Rig, place: np.ndarray, cpu_s: float) -> Draw:
+    """The draw with what was found of the vertical scale at a place of the scene, shape (3,) [m]."""
+    sensitivity = compute_gain_sensitivity(project_all(truth, place[None]), solution.rig)
     stated = np.diag(compute_gain_std(sensitivity, np.eye(3), solution.covariance)[0])
     off = max(solution.quantities, key=lambda q: q.contradiction)
-    suspects = solution.suspects
-    error = float(gain_error(rig, solution.rig, points3d[0])[1])
-    return Draw(
-        seed, prior, view_deg, wrong, wrong_view, error, float(stated[1]),
-        str(solution.status), off.contradiction, off.name, tuple(one.name for one in suspects),
-        float(unchecked(solution, sensitivity)), cpu_s,
-    )  # fmt: skip
+    return replace(
+        one,
+        error=float(gain_error(truth, solution.rig, place)[1]),
+        std=float(stated[1]),
+        status=str(solution.status),
+        contradiction=off.contradiction,
+        worst=off.name,
+        culprits=tuple(suspect.name for suspect in solution.suspects),
+        unchecked=float(unchecked(solution, sensitivity)),
+        cpu_s=cpu_s,
+    )
 
 
 def unchecked(solution: CameraSolution, sensitivity: np.ndarray) -> float:
@@ -133,6 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--draws", type=int, default=10, help="sites for each prior")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--priors", nargs="+", default=PRIORS)
+    parser.add_argument("--rendered", action="store_true", help="rendered pictures in place of simulated matches")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args(arguments)
     names = ("inside", "inside_or_flagged", "flagged", "care_though_inside", "culprit_right", "among_named", "named")
@@ -145,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = []
         for seed in range(options.first, options.first + options.draws):
             with threadpool_limits(1):
-                found.append(draw(seed, prior))
+                found.append((draw_rendered if options.rendered else draw)(seed, prior))
             if options.verbose:
                 print(describe(found[-1]), flush=True)
         shares = (

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from vfm_sdm.errors import DatasetError
 
 __all__ = [
+    "MAD_TO_STD",
     "BoolArray",
     "FloatArray",
     "IntArray",
@@ -25,6 +26,8 @@ IntArray = npt.NDArray[np.integer]
 BoolArray = npt.NDArray[np.bool_]
 LumaArray = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 """One image plane of brightness, shape (height, width)."""
+MAD_TO_STD = 1.4826
+"""Standard deviation of normally distributed values over the median of their absolute deviations [1]."""
 
 
 def as_float_array(value: npt.ArrayLike, name: str, shape: Sequence[int | None]) -> FloatArray:

@@ -7,13 +7,11 @@ import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, as_float_array, unbroken_runs
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, as_float_array, unbroken_runs
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["band_pass", "hampel", "shortest_band_pass_s"]
 
-_SCALED_MAD = 1.4826
-"""Makes the median absolute deviation of a normal distribution its standard deviation."""
 _PERIODS = 2.0
 """Periods of the band's lower edge that a series must hold to be filtered."""
 
@@ -149,7 +147,7 @@ def hampel(values: FloatArray, width: int, *, threshold: float = 3.5) -> tuple[F
     for column in range(columns.shape[1]):
         windows = sliding_window_view(columns[:, column], width)
         middle = np.median(windows, axis=-1)
-        spread = _SCALED_MAD * np.median(np.abs(windows - middle[:, None]), axis=-1)
+        spread = MAD_TO_STD * np.median(np.abs(windows - middle[:, None]), axis=-1)
         outlying = np.abs(columns[:, column] - middle[place]) > threshold * spread[place]
         result[outlying, column] = middle[place][outlying]
     return result.reshape(values.shape), (result != columns).reshape(values.shape)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray, LumaArray
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session
@@ -126,7 +126,7 @@ def _average_opening(video: Video) -> LumaArray:
             total, blocks, count = luma, means, 1
             continue
         change = means - blocks / count
-        spread = 1.4826 * float(np.median(np.abs(change)))
+        spread = MAD_TO_STD * float(np.median(np.abs(change)))
         # Blocks of a still picture change by noise alone, which the first pair of frames shows.
         noise = min(noise, max(spread, 0.05))
         if (np.abs(change) > _STILL_STD * noise).mean() > _STILL_SHARE:

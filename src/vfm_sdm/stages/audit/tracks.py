@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known, unbroken_runs
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, mean_of_known, unbroken_runs
 from vfm_sdm.core.covariances import edges_across, find_edges, measured_variance
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import CameraMotionStatus, Outcome
@@ -32,7 +32,6 @@ _FROZEN_CAUTION, _FROZEN_FAIL = 1e-9, 0.05
 _BLOCKS = 8
 """Parts of the recording whose means are compared for drift."""
 _SIGNIFICANT = 5.0
-_MAD_TO_STD = 1.4826
 _SLIP_CAUTION, _SLIP_FAIL = 0.1, 0.3
 _STILL_CAUTION, _STILL_FAIL = 0.1, 0.5
 """Limits of the motion of what must not move, as shares of the structure's motion [1]."""
@@ -344,7 +343,7 @@ def _compute_block_means(values: FloatArray, std: FloatArray, ok: BoolArray) -> 
     spread = float(np.median([np.std(values[block]) / np.sqrt(len(block)) for block in blocks]))
     # Nor do slow errors, as of trembling air: halves that follow each other show what is left of them.
     halves = np.array([values[half].mean() for block in blocks for half in np.array_split(block, 2)])
-    slow = _MAD_TO_STD * float(np.median(np.abs(np.diff(halves)))) / 2
+    slow = MAD_TO_STD * float(np.median(np.abs(np.diff(halves)))) / 2
     return np.array([values[block].mean() for block in blocks]), max(noise, spread, slow)
 
 

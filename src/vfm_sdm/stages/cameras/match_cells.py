@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray, IntArray
+from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray, IntArray
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.stages.cameras.shared_points import SharedPoints
@@ -31,8 +31,6 @@ _LEAST_STD_PX = 0.25
 """Least standard deviation of the error that the matches of a cell share [px]: that of the camera model, which is
 alike for neighbours."""
 _LEAST_DIFFERENCES = 10
-_NORMAL = 1.4826
-"""Standard deviation over the median absolute value of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +228,7 @@ def estimate_match_noise(pairs: Sequence[CellMatches], shared: Sequence[CellPoin
             continue
         middle, share = _cell_medians(errors[:, None], group.cell)
         # Wrong matches must not make the right ones count less.
-        limit = ROBUST_STD * _NORMAL * float(np.median(np.abs(middle)))
+        limit = ROBUST_STD * MAD_TO_STD * float(np.median(np.abs(middle)))
         medians.append(np.clip(middle, -limit, limit).ravel())
         left.append(share)
         free += len(middle)
@@ -245,7 +243,7 @@ def estimate_match_noise(pairs: Sequence[CellMatches], shared: Sequence[CellPoin
         free += points.points.constraints * len(middle)
         differences.append(_differences(errors, points.cell) / np.sqrt(kept))
     apart = np.concatenate(differences)
-    own = float(_NORMAL * np.median(apart) / np.sqrt(2)) if len(apart) >= _LEAST_DIFFERENCES else 0.0
+    own = float(MAD_TO_STD * np.median(apart) / np.sqrt(2)) if len(apart) >= _LEAST_DIFFERENCES else 0.0
     if free <= _POSE_PARAMETERS:
         return MatchNoise(own_px=own)
     square = (np.sum(np.square(np.concatenate(medians))) - own**2 * np.sum(np.concatenate(left))) / (free - 2)

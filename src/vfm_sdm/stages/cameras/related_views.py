@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, LumaArray
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.triangulation import sampson_error
@@ -39,7 +39,7 @@ _POINTED, _NO_CHANCE = Agreement(np.inf, 1.0, 1.0), Agreement(0.0, 1.0, 0.0)
 """Agreement of points that somebody named in both views, which is no chance."""
 _WRONG, _WRONG_BESIDE_FACE = 0.5, 0.2
 """Largest share of wrong matches that the adjustment's robust loss bears; and where it can do without them."""
-_CLOSE_STD, _NORMAL = 3.0, 1.4826
+_CLOSE_STD = 3.0
 """Largest error of a match in the scatter of all, from their median absolute error by the normal distribution's."""
 _CHANCE_STD = 3.0
 """By how many standard deviations of a count the support has to exceed what chance gives."""
@@ -283,7 +283,7 @@ def _close_ones(one: RelatedView, first: Camera) -> Matches:
         return m
     rig = Rig(("first", "second"), (first, one.camera))
     error = np.abs(sampson_error(m.points_first, m.points_second, rig))
-    return m.chosen(error <= _CLOSE_STD * _NORMAL * np.median(error))
+    return m.chosen(error <= _CLOSE_STD * MAD_TO_STD * np.median(error))
 
 
 def _named_pairs(session: Session, views: tuple[str, str], index: int) -> tuple[Matches | None, Matches | None]:

@@ -6,7 +6,7 @@ adjustment is repeated once.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -71,21 +71,26 @@ def solve_cameras(
     known = estimate.rig.covariance is not None
     hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches, estimate.halves), *estimate.others]
     given = named_points(session, views)
-    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given)[0])
+    weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given).adjusted)
     finder = PointFinder(session, frames, matcher)
     matches = weighed.hypothesis.matches
     start = Hypothesis(_with_poses_of(weighed.hypothesis.rig, weighed.adjusted.rig), matches)
     points = finder.find(weighed.adjusted.rig, matches)
-    adjusted, unused = _adjust(session, start, points)
-    if adjusted.frame is not None:
-        again = finder.find_on_face(points, adjusted.rig, adjusted.frame)
+    solved = _adjust(session, start, points)
+    if solved.adjusted.frame is not None:
+        again = finder.find_on_face(points, solved.adjusted.rig, solved.adjusted.frame)
         if not again.identical(points):
             points = again
-            adjusted, unused = _adjust(session, start, points)
-    stated, _ = _state(session, start, points)
-    adjusted = explain_contradiction(stated, adjusted, {view.name: view.lens for view in session.view})
-    adjusted = weighed.widened(adjusted)
-    notes = [*estimate.notes, *adjusted.notes, *unused, *([] if known else [_NO_COVARIANCE]), *_list_missing(points)]
+            solved = _adjust(session, start, points)
+    lenses = {view.name: view.lens for view in session.view}
+    adjusted = weighed.widened(explain_contradiction(solved.stated, solved.adjusted, lenses))
+    notes = [
+        *estimate.notes,
+        *adjusted.notes,
+        *solved.unused,
+        *([] if known else [_NO_COVARIANCE]),
+        *_list_missing(points),
+    ]
     return CameraSolution(
         adjusted.rig if known else replace(adjusted.rig, covariance=None),
         adjusted.frame,
@@ -116,15 +121,17 @@ def _with_poses_of(prior: Rig, adjusted: Rig) -> Rig:
     return replace(prior, cameras=tuple(cameras))
 
 
-def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[SiteAdjustment, list[str]]:
-    """The cameras adjusted to everything measured on site to points seen in two views, and what had to be left out."""
-    stated, unused = _state(session, one, points)
-    adjusted = adjust_to_site(stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings)
-    return adjusted, unused
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Everything stated of cameras and points, the cameras adjusted to it, and sentences on what was left out."""
+
+    stated: Statements
+    adjusted: SiteAdjustment
+    unused: list[str]
 
 
-def _state(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[Statements, list[str]]:
-    """Everything that is stated of cameras and of points seen in two views, and what had to be left out."""
+def _adjust(session: Session, one: Hypothesis, points: xr.Dataset) -> _Solved:
+    """The cameras adjusted to everything measured on site to points seen in two views."""
     position, std = (points[name].transpose("point", "view", "pixel").values for name in ("position", "position_std"))
     moving = {p.name for p in session.point if not p.static}
     seen = {
@@ -133,7 +140,9 @@ def _state(session: Session, one: Hypothesis, points: xr.Dataset) -> tuple[State
         if np.isfinite(pixels).all(axis=1).sum() >= 2
     }
     site, unused = _drop_unseen_lengths(session.site, seen)
-    return Statements(one.rig, one.matches, site, seen, {view.name: view for view in session.view[1:]}), unused
+    stated = Statements(one.rig, one.matches, site, seen, {view.name: view for view in session.view[1:]})
+    adjusted = adjust_to_site(stated.rig, stated.matches, stated.site, stated.points, readings=stated.readings)
+    return _Solved(stated, adjusted, unused)
 
 
 def _drop_unseen_lengths(site: Site, seen: Mapping[str, SitePoint]) -> tuple[Site, list[str]]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray
 
 __all__ = ["LINEAR", "LINEAR_STD", "estimate_noise", "invert_determined"]
 
@@ -17,8 +17,6 @@ _CLEAR = 3.0
 texture, so that each step leaves at most a third of the way, and the smallest such step still shrinks."""
 _HIGHEST = np.array([-1, 6, -15, 20, -15, 6, -1]) / 64
 """High-pass sin^6(pi f): a thousandth of a texture's power below a quarter of the sampling frequency passes."""
-_NORMAL = 1.4826
-"""Standard deviation of normal noise over its median absolute value."""
 _QUANTISATION = 1 / 12
 """Variance of rounding to grey levels, below which no noise is [squared grey levels]."""
 _POSED = 1e-6
@@ -54,7 +52,7 @@ def estimate_noise(images: FloatArray) -> FloatArray:
     # Neighbours share most of what the filter leaves: every second one along each axis tells as much.
     fine = correlate1d(images, _HIGHEST, axis=2)[:, :, border:-border:2]
     fine = correlate1d(fine, _HIGHEST, axis=1)[:, border:-border:2]
-    std = _NORMAL * np.median(np.abs(fine).reshape(len(images), -1), axis=1) / float(_HIGHEST @ _HIGHEST)
+    std = MAD_TO_STD * np.median(np.abs(fine).reshape(len(images), -1), axis=1) / float(_HIGHEST @ _HIGHEST)
     return np.asarray(np.maximum(std**2, _QUANTISATION))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray
 from vfm_sdm.core.covariances import edges_across, measured_axes, raise_variance
 from vfm_sdm.core.datasets import check_tracks, trusted_values
 
@@ -27,7 +27,6 @@ _TOGETHER = 2.5
 _FEWEST = 30
 _UNEVEN = 0.25
 """Share of the interval between frames by which those about a sample may differ."""
-_MAD_TO_STD = 1.4826
 
 
 def include_lone_errors(tracks: xr.Dataset) -> xr.Dataset:
@@ -124,7 +123,7 @@ def _depart(position: FloatArray, even: BoolArray) -> tuple[FloatArray, FloatArr
         if order == 0:
             many = np.isfinite(found).sum(axis=0) >= _FEWEST
             middle = np.nanmedian(np.abs(np.where(many, found, 0.0)), axis=0)
-            usual = np.where(many & (middle > 0), _MAD_TO_STD * middle, np.inf)
+            usual = np.where(many & (middle > 0), MAD_TO_STD * middle, np.inf)
         departure = np.where(np.isfinite(departure), departure, found)
     return usual, departure
 

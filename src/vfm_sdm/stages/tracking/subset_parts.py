@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
 from vfm_sdm.stages.tracking.injection.gains import compute_gain
@@ -26,7 +26,6 @@ _PLACE = 2
 _FEWEST = 10
 _CLEAR = 2.0
 """Times its noise by which a point must move for the gains of its parts to be compared."""
-_MAD_TO_STD = 1.4826
 
 
 class SubsetParts:
@@ -155,7 +154,7 @@ def compute_disagreement(places: FloatArray, weights: FloatArray) -> float:
     """
     left = places - np.median(places, axis=0)
     apart = left - (left @ weights)[:, None]
-    spread = _MAD_TO_STD * np.median(np.abs(apart), axis=0)
+    spread = MAD_TO_STD * np.median(np.abs(apart), axis=0)
     return float(np.sqrt(np.sum(weights**2 * spread**2 / np.maximum(1 - weights, 1e-6))))
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.video import Video
 
@@ -21,7 +21,6 @@ _CLEAR = 5.0
 """Times the noise by which a pixel must lie outside all that its surroundings show."""
 _COVERED, _MOST_COVERED = 0.1, 1 / 3
 """Share of a window that must be covered, and of the frames that may be, to be left out."""
-_MAD_TO_STD = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +110,7 @@ def find_covered(frames: LumaArray) -> BoolArray:
     """
     usual = np.median(frames, axis=0).astype(np.float32)
     apart = np.abs(frames.astype(np.float32) - usual)
-    noise = max(_MAD_TO_STD * float(np.median(apart)), 1.0)
+    noise = max(MAD_TO_STD * float(np.median(apart)), 1.0)
     reach = np.ones((2 * _REACH_PX + 1, 2 * _REACH_PX + 1), np.uint8)
     low, high = cv2.erode(usual, reach) - _CLEAR * noise, cv2.dilate(usual, reach) + _CLEAR * noise
     covered = np.asarray(np.mean((frames[1:] < low) | (frames[1:] > high), axis=(1, 2)) > _COVERED)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, LumaArray
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
 from vfm_sdm.stages.registration.records import Registration
 from vfm_sdm.stages.registration.subsets import SubsetBank
@@ -14,7 +14,6 @@ __all__ = ["Trial"]
 _FAILED = 0.2
 """Largest share of the sample frames in which a warp may fail to converge."""
 _LEAST_FRAMES = 4
-_MAD_TO_STD = 1.4826
 _SEEN = 1e-2
 """Rotation and strain below this are not told from what a codec makes of a square (0.3 px over 30 px) [1]."""
 
@@ -81,7 +80,7 @@ class Trial:
         if np.count_nonzero(known) < _LEAST_FRAMES:
             return np.zeros((2, 2))
         # The middle of the squares: a half that has little texture loses itself in some frames.
-        std = _MAD_TO_STD * np.median(np.abs(apart[known]), axis=0) / 4
+        std = MAD_TO_STD * np.median(np.abs(apart[known]), axis=0) / 4
         return np.diag(std**2)
 
     def linear_std(self, size: int, mask: BoolArray, shading: int = 0) -> float:
