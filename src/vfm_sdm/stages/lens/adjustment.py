@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray
 from vfm_sdm.stages.lens.nearness import lever_precision, log_volume, taken_by_points
 from vfm_sdm.stages.lens.normal_equations import NormalEquations, invert_scaled, solve_scaled
 from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, LensClip, TurningCamera
@@ -16,8 +16,6 @@ _CONVERGED, _NOISE_KNOWN = 1e-9, 0.02
 _MAX_DAMPING = 1e10
 _ROBUST = 2.5
 """Residual over its standard deviation from which a sighting loses weight [1]."""
-_MEDIAN_ABSOLUTE = 0.6745
-"""Median absolute value of a standard normal number."""
 _LEAST_NOISE_PX = 1e-6
 _TOLD = 0.2
 """Share of its residuals that a point must keep to tell of the noise."""
@@ -156,7 +154,7 @@ def _estimate_noise(now: TurningCamera, clip: LensClip, noise: float) -> float:
     if not tells.any():
         return noise
     scaled = residuals[tells] / np.sqrt(left[seen.point][tells])[:, None]
-    return max(float(np.median(np.abs(scaled))) / _MEDIAN_ABSOLUTE, _LEAST_NOISE_PX)
+    return max(MAD_TO_STD * float(np.median(np.abs(scaled))), _LEAST_NOISE_PX)
 
 
 def _bias(now: TurningCamera, clip: LensClip, weights: FloatArray) -> FloatArray:

@@ -144,7 +144,7 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
         return LensEstimate(LensStatus.FEW_PLACES, notes=("film a scene with more texture, and turn more slowly",))
     chosen = keys.numbers[connected]
     rates = motion.turn_rates(chosen, plain_camera(focal, size), readout_s=READOUT_S, shift=np.zeros(3))
-    seen = Sightings(frame, point, pixel, *rates)
+    seen = Sightings(frame, point, pixel, *rates, focal)
     camera, clip = begin_adjustment(seen, attitudes[connected], (focal, size), scene)
     try:
         adjusted = adjust_clip(camera, clip)
@@ -153,7 +153,9 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
             camera = adjusted.camera
             shift, readout = camera.shared[3] * camera.lever, float(camera.shared[4])
             rate, change = motion.turn_rates(chosen, camera.camera, readout_s=readout, shift=shift)
-            clip = replace(clip, seen=replace(seen, turn_rate=rate, turn_change=change))
+            clip = replace(
+                clip, seen=replace(seen, turn_rate=rate, turn_change=change, rate_focal_px=camera.camera.focal_px)
+            )
             adjusted = adjust_clip(camera, clip)
         return judge_lens(adjusted, motion.time_s[chosen])
     except CameraError as error:  # singular: nothing to step along
