@@ -57,7 +57,7 @@ def look(
     ends = [plan.attitude(time_s + sign * RATE_STEP_S) for sign in (-1, 1)]
     steps = [(attitudes * ends[0].inv()).as_rotvec(), (ends[1] * attitudes.inv()).as_rotvec()]
     rate, change = (steps[0] + steps[1]) / (2 * RATE_STEP_S), (steps[1] - steps[0]) / RATE_STEP_S**2
-    seen = Sightings(frame[order], numbered, pixel[order], rate, change, camera.focal_px)
+    seen = Sightings(frame[order], numbered, pixel[order], rate, change)
     focal = camera.focal_px * np.exp(rng.normal(0, 0.05))
     return begin_adjustment(seen, attitudes.as_matrix(), (focal, camera.image_size), PanScene(*plan.distance_m))
 

@@ -21,7 +21,9 @@ __all__ = ["LensEstimate", "estimate_lens", "judge_lens", "merge_radial"]
 
 _SIGHTINGS = 3
 """Key frames that must see a place: two tell of the turn between them alone."""
-_ROUNDS = 2
+_ROUNDS, _SETTLED = 8, 0.1
+"""Rounds of rates and adjustment at most, and the step of the focal length over its standard deviation that ends them:
+a round begins with rates of the last one's focal length, which holds it back."""
 _MOST_POINTS = 1200
 _LEAST_FRAMES, _LEAST_POINTS = 5, 60
 _MOST_FOCAL_STD = 0.03
@@ -144,7 +146,7 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
         return LensEstimate(LensStatus.FEW_PLACES, notes=("film a scene with more texture, and turn more slowly",))
     chosen = keys.numbers[connected]
     rates = motion.turn_rates(chosen, plain_camera(focal, size), readout_s=READOUT_S, shift=np.zeros(3))
-    seen = Sightings(frame, point, pixel, *rates, focal)
+    seen = Sightings(frame, point, pixel, *rates)
     camera, clip = begin_adjustment(seen, attitudes[connected], (focal, size), scene)
     try:
         adjusted = adjust_clip(camera, clip)
@@ -153,10 +155,11 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
             camera = adjusted.camera
             shift, readout = camera.shared[3] * camera.lever, float(camera.shared[4])
             rate, change = motion.turn_rates(chosen, camera.camera, readout_s=readout, shift=shift)
-            clip = replace(
-                clip, seen=replace(seen, turn_rate=rate, turn_change=change, rate_focal_px=camera.camera.focal_px)
-            )
+            clip = replace(clip, seen=replace(seen, turn_rate=rate, turn_change=change))
             adjusted = adjust_clip(camera, clip)
+            step = abs(adjusted.lens[0] - camera.lens[0])
+            if step < _SETTLED * np.sqrt(adjusted.covariance[0, 0]):
+                break
         return judge_lens(adjusted, motion.time_s[chosen])
     except CameraError as error:  # singular: nothing to step along
         return LensEstimate(LensStatus.NOT_DETERMINED, notes=(str(error),))

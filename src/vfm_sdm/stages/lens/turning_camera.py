@@ -44,9 +44,6 @@ class Sightings:
         Rate of rotation of each frame's middle row in the camera's axes, shape (F, 3) [rad/s].
     turn_change
         Change of that rate, shape (F, 3) [rad/s2].
-    rate_focal_px
-        Focal length with which the rates were found [px]. What is seen of a pan or a tilt is its motion in pixels: with
-        another focal length the same motion is another rate.
     """
 
     frame: IntArray
@@ -54,7 +51,6 @@ class Sightings:
     pixel: FloatArray
     turn_rate: FloatArray
     turn_change: FloatArray
-    rate_focal_px: float
 
     @property
     def frames(self) -> int:
@@ -137,8 +133,7 @@ class TurningCamera:
         """Rays y (N, 3), turned directions (N, 3), and the turn since the middle row per second of read-out (N, 3)."""
         height, readout = self.camera.image_size[1], self.shared[4]
         share = ((seen.pixel[:, 1] - (height - 1) / 2) / height)[:, None]
-        units = self._rate_units(seen)
-        rate, change = seen.turn_rate[seen.frame] * units, seen.turn_change[seen.frame] * units
+        rate, change = seen.turn_rate[seen.frame], seen.turn_change[seen.frame]
         turn = readout * share * (rate + readout * share / 2 * change)
         turned = np.einsum("nij,nj->ni", self.attitudes[seen.frame], self.directions[seen.point])
         onward = np.cross(turn, turned)
@@ -148,11 +143,6 @@ class TurningCamera:
         rays = turned - self._closeness(seen)[:, None] * self.lever
         rays[:, 2] -= self.growth[seen.point]
         return rays, turned, by_readout
-
-    def _rate_units(self, seen: Sightings) -> FloatArray:
-        """Factors of the rates about the axes, shape (3,): pans and tilts were seen in pixels, rolls in angles."""
-        share = seen.rate_focal_px / self.camera.focal_px
-        return np.array([share, share, 1.0])
 
     def _closeness(self, seen: Sightings) -> FloatArray:
         return np.asarray(self.shared[3] + self.nearness[seen.point])
@@ -195,17 +185,14 @@ class TurningCamera:
         by_ray = self._by_ray(rays)
         closeness, lever = self._closeness(seen), self.lever
         radial = np.stack([slope * radius2, slope * radius2**2], axis=2)
-        by_readout = by_ray @ np.cross(turn, turned)[:, :, None]
-        # A longer focal length makes the rates of pan and tilt smaller.
-        by_rate = -self.shared[4] * by_ray @ np.cross(turn * [1.0, 1.0, 0.0], turned)[:, :, None]
         by_lens = np.concatenate(
             [
-                (distort(slope, self.camera.distortion) @ scale.T)[:, :, None] + by_rate,
+                (distort(slope, self.camera.distortion) @ scale.T)[:, :, None],
                 np.broadcast_to(np.eye(2), (len(seen), 2, 2)),
                 scale @ radial,
                 -closeness[:, None, None] * by_ray,
                 -(by_ray @ lever)[:, :, None],
-                by_readout,
+                (by_ray @ np.cross(turn, turned)[:, :, None]),
             ],
             axis=2,
         )
