@@ -17,6 +17,7 @@ SMALLEST = {
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
     "lines": ["--draws", "1", "--readings", "level alone"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
+    "lens": ["--draws", "1", "--views", "40"],
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
     "profiles": ["--kinds", "drone", "--sites", "1"],
     "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],

@@ -9,13 +9,20 @@ import numpy as np
 import pytest
 
 from scenes import write_scene
+from turning import draw_plan, look
 from vfm_sdm.analysis.evaluation.metrics import Score
 from vfm_sdm.commands import app as cli
+from vfm_sdm.commands import lens as lens_command
 from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 from vfm_sdm.inputs.session import Session, read_session, write_session
 from vfm_sdm.outputs.results import write_displacement
+from vfm_sdm.stages.lens.adjustment import adjust_clip
+from vfm_sdm.stages.lens.clip import judge_lens
+from vfm_sdm.stages.lens.file import read_lens
+from vfm_sdm.stages.lens.scene import PanScene
 from vfm_sdm.studies.protocol import Benchmark, Case
 from vfm_sdm.studies.protocol.tables import comparison_table
+from vfm_sdm.studies.synthetic.pan_clip import write_pan_clip
 from vfm_sdm.studies.synthetic.presets import PRESETS
 
 
@@ -272,3 +279,34 @@ def test_no_result_from_the_data_is_status_three(command, session_file, tmp_path
 def test_installed_as_a_command():
     done = subprocess.run([sys.executable, "-m", "vfm_sdm", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "0.1.0"
+
+
+def test_a_pan_clip_gives_no_lens_where_the_camera_stands_still(command, tmp_path):
+    plan = draw_plan(0, 40, size=(320, 180), fps=10, duration_s=1.0, turn_deg=(0.1, 0.1, 0.1))
+    clip = write_pan_clip(tmp_path / "pan.mp4", plan)
+    status, _, err = command("lens", clip, "-o", tmp_path / "lens.toml")
+    assert status == 3
+    assert "no lens: the camera hardly turns" in err
+    assert "pan, tilt and roll the camera" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["pan.mp4"]
+
+
+def test_a_pan_clip_gives_a_lens_file(command, tmp_path, monkeypatch):
+    """The way from an estimate to the file; the estimate itself is simulated."""
+    plan = draw_plan(0, 40, size=(320, 180), fps=10, duration_s=0.5, distance_m=(300.0, 3000.0))
+    clip = write_pan_clip(tmp_path / "pan.mp4", plan)
+    estimate = judge_lens(adjust_clip(*look(plan, frames=12, points=300)), np.arange(12.0))
+    scenes = []
+    monkeypatch.setattr(lens_command, "estimate_lens", lambda video, scene: scenes.append(scene) or estimate)
+    words = ["--nearest", 300, "--farthest", 3000, "--lever", 0.02]
+    status, out, _ = command("lens", clip, "-o", tmp_path / "lens.toml", *words)
+    assert status == 0
+    assert scenes == [PanScene(300.0, 3000.0, 0.02)]
+    assert "field of view" in out
+    assert "principal point" in out
+    known = read_lens(tmp_path / "lens.toml")
+    np.testing.assert_allclose(known.camera.K, estimate.camera.K)
+    np.testing.assert_allclose(known.covariance, estimate.covariance)
+    status, _, err = command("lens", clip, "-o", tmp_path / "lens.toml", "--nearest", 3000, "--farthest", 300)
+    assert status == 1
+    assert "expected 0 < nearest <= farthest distance" in err

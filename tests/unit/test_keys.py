@@ -73,7 +73,17 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     monkeypatch.setattr(Measurement, "part_of", lambda self, kind: {})
     monkeypatch.setattr(Measurement, "part", lambda self, kind: None)
     (tmp_path / "left").mkdir()
-    for name in ("left/000.png", "left/001.png", "right.mp4", "rig.toml", "board.png", "corners.csv", "other.toml"):
+    for name in (
+        "left/000.png",
+        "left/001.png",
+        "right.mp4",
+        "rig.toml",
+        "board.png",
+        "corners.csv",
+        "other.toml",
+        "lens.toml",
+        "third.mp4",
+    ):
         (tmp_path / name).write_bytes(name.encode() * 8)
     level = {"pitch_deg": 0.0, "roll_deg": 0.0, "std_deg": 0.1}
     return Session(
@@ -87,6 +97,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
                 "lens": {"camera": "GoPro HERO7 Black", "mode": "Linear", "stabilised": False},
                 **{name: {"value": 6.0, "std": 0.02} for name in ("perpendicular_distance", "longitudinal_distance")},
             },
+            {"name": "third", "video": "third.mp4", "lens": {"file": "lens.toml"}},
         ],
         site={
             "baseline": {"value": 4.0, "std": 0.01},
@@ -264,6 +275,7 @@ FILES = {
     "left/001.png": {"recordings", "frames", "cameras", "tracks"},
     "right.mp4": {"recordings", "frames", "cameras", "tracks"},
     "rig.toml": {"cameras"},
+    "lens.toml": {"cameras"},
     "board.png": {"cameras"},
 }
 

@@ -17,6 +17,7 @@ from vfm_sdm.commands import tables as reports
 from vfm_sdm.commands.acceptance import accept, verify
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
+from vfm_sdm.commands.lens import lens
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions
 from vfm_sdm.commands.planning import plan
 from vfm_sdm.commands.progress import show_progress
@@ -43,6 +44,7 @@ weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundatio
 app.command(weights)
 app.command(accept)
 app.command(verify)
+app.command(lens)
 app.command(plan)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]

@@ -12,6 +12,7 @@ __all__ = [
     "ClockStatus",
     "ClockUse",
     "InjectionStatus",
+    "LensStatus",
     "Outcome",
     "PointStatus",
     "ReadingStatus",
@@ -73,6 +74,20 @@ class PointStatus(StrEnum):
     NOT_RETURNED = "the way back ends elsewhere"
     NO_TEXTURE = "no texture to follow"
     """What moves with the point has no texture, across no edge either: it cannot be tracked."""
+
+
+class LensStatus(StrEnum):
+    """Status of a lens that was found from a pan clip."""
+
+    OK = "ok"
+    STILL = "the camera hardly turns"
+    """Too few frames show another part of the scene."""
+    FEW_PLACES = "too few places seen again"
+    NOT_DETERMINED = "the turns do not determine the focal length"
+    MOVED = "something else than turns moves the picture"
+    """The camera was carried about, the scene moves, or stabilisation shifts the picture."""
+    CHANGING = "the focal length changes"
+    """The lens zooms, or its focus hunts."""
 
 
 class CameraStatus(StrEnum):

@@ -187,6 +187,8 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
             yield from _pattern_files(session, view.name, view.images)
         if view.camera is not None:
             yield str(view.camera), session.resolve(view.camera)
+        if view.lens is not None and view.lens.file is not None:
+            yield str(view.lens.file), session.resolve(view.lens.file)
     board = session.chessboard
     if board is not None and board.corners is not None:
         yield str(board.corners), session.resolve(board.corners)

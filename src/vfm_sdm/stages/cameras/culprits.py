@@ -214,6 +214,11 @@ def advise_on_lens(suspect: Suspect, lens: Lens | None) -> str:
     >>> advise_on_lens(Suspect("focal left", "px", 8320.0, 1390.0, 10.0, drop=30.0, rank=900.0), lens).split(",")[1]
     ' got focal_mm = 26 as of 35 mm film'
     """
+    if lens is not None and lens.file is not None:
+        return (
+            "expected a pan clip filmed with the lens, zoom and mode of the recording, got a lens file of another one, "
+            "do: film the pan clip again just before or after the recording, with focus and zoom locked"
+        )
     if lens is None or lens.focal_mm is None or lens.sensor_width_mm is None or not np.isfinite(suspect.freed):
         return ""
     width = lens.sensor_width_mm

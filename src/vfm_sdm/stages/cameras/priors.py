@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -15,6 +16,7 @@ from vfm_sdm.inputs.video import CameraTags
 from vfm_sdm.inputs.video.images import find_images
 from vfm_sdm.stages.cameras.file import read_camera
 from vfm_sdm.stages.cameras.profile_priors import LensPrior, prior_of_stated, prior_of_tags, prior_of_unknown
+from vfm_sdm.stages.lens.file import read_lens
 
 __all__ = ["CameraPriors", "read_priors"]
 
@@ -27,6 +29,8 @@ _CORNER_DISTORTION_STD = 0.025
 _ROTATION_STD_RAD, _POSITION_STD = 1.0, 2.0
 """Standard deviations of poses that are left free: rotation [rad], and position over the baseline [1]."""
 _CONTRADICTION_STD = 3.0
+_SQUARE = 1e-3
+"""Share by which a pixel may be wider than high and count as square."""
 _ONE_FOCAL = 0.03
 """Share by which the two focal lengths of one lens may differ before the estimate counts as unsure."""
 
@@ -217,6 +221,8 @@ def _read_prior(
         corner = diagonal / 2 / known.focal_px
         std = [_CALIBRATED_STD, 0.001 * diagonal, 0.001 * diagonal, 0.002 / corner**2]
         return replace(known, cam_from_world=np.eye(3, 4)), np.diag(np.square(std)), ""
+    if view.lens is not None and view.lens.file is not None:
+        return _read_lens_file(session.resolve(view.lens.file), view.name, image_size, aspect)
     lying = width * aspect >= height
     along = width if lying else height
     prior = _find_lens(session, view, (width * aspect, height), along, tags)
@@ -251,3 +257,20 @@ def _find_lens(session: Session, view: View, size: tuple[float, float], along: i
         return prior_of_stated(lens, size, tags)
     focal = lens.focal_prior_px(along) / along
     return LensPrior(focal, lens.relative_std, np.zeros(3), _CORNER_DISTORTION_STD, tuple(notes))
+
+
+def _read_lens_file(
+    path: Path, name: str, image_size: tuple[int, int], aspect: float
+) -> tuple[Camera, FloatArray, str]:
+    """What `_read_prior` yields, from a lens file."""
+    if abs(aspect - 1) > _SQUARE:
+        raise CameraError(
+            f"view {name!r}: expected square pixels beside a lens file, got pixels {aspect:g} as wide as high; state "
+            "focal_px"
+        )
+    known = read_lens(path, image_size=image_size)
+    note = ""
+    if known.scaled_from is not None:
+        width, height = known.scaled_from
+        note = f"view {name!r}: lens of pictures of {width} x {height} px, taken as showing the same field as these"
+    return known.camera, known.covariance, note

@@ -395,6 +395,18 @@ FAULTS = {
         {"view": [{"name": "left", "video": "l", "lens": {"camera": "S9"}}]},
         r"lens: camera: expected one camera, got 'S9', which several makers have",
     ),
+    "a lens of its own beside a file": (
+        {"view": [{"name": "left", "video": "l", "lens": {"file": "lens.toml", "focal_px": 900.0}}]},
+        r"lens: expected one of focal_px, .*, got focal_px and file; keep one of them",
+    ),
+    "a lens file with another interval": (
+        {"view": [{"name": "left", "video": "l", "lens": {"file": "lens.toml", "relative_std": 0.05}}]},
+        r"lens: relative_std: expected none beside a lens file, which states its own; remove it",
+    ),
+    "no lens": (
+        {"view": [{"name": "left", "video": "l", "lens": {"relative_std": 0.05}}]},
+        r"lens: expected focal_px, focal_mm with sensor_width_mm, file, or camera, got none",
+    ),
     "certain lens": (
         {"view": [{"name": "left", "video": "l", "lens": {"focal_px": 25.0, "relative_std": 0.0}}]},
         r"relative_std: expected greater than 0, got 0.0",

@@ -60,6 +60,13 @@ def test_a_range_of_half_a_per_cent_brings_the_scale_below_one_per_cent():
     assert stated[:, :2].max() < 0.012
 
 
+def test_lenses_of_pan_clips_bring_the_scale_below_one_per_cent_without_a_range():
+    errors, stated, _ = run_trials(12, range_std=None, focal_std=0.002, center_std=0.0005, corner_distortion_std=0.001)
+    assert np.sqrt(np.mean(errors[:, :2] ** 2, axis=0)).max() <= 0.01
+    assert stated[:, :2].max() < 0.01
+    assert np.abs(errors[:, :2] / stated[:, :2]).max() < 4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("range_std", [None, 0.005])
 @pytest.mark.parametrize(
