@@ -56,7 +56,7 @@ NORMAL_95, LIMIT, CAUTION = 1.96, 0.05, 4.0
 class Draw:
     """One site: error of the vertical scale, its stated standard deviation, and what was said of it.
 
-    Without cameras the error is NaN: inside no interval, and flagged by its status.
+    Without cameras the error is NaN: it is flagged by its status, and left out where intervals are counted.
     """
 
     seed: int
@@ -226,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if options.verbose:
                 print(describe(found[-1]), flush=True)
         shares = (
-            np.mean([d.inside for d in found]),
+            np.mean([d.inside for d in found if np.isfinite(d.error)] or [0.0]),
             np.mean([d.inside or d.flagged for d in found]),
             np.mean([d.flagged for d in found]),
             np.mean([d.flagged and 2 * d.std <= LIMIT for d in found]),

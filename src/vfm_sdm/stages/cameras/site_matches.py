@@ -97,11 +97,10 @@ class MatchResiduals:
         for group in self._shared:
             std_px, factor = self.noise.spread(group.weight)
             scaled = group.points.errors(rig) / std_px
-            # All errors of a point are made smaller together where one of them is gross.
-            size = np.linalg.norm(scaled, axis=1, keepdims=True)
+            # All errors of a point are made smaller together where one of them is gross; as `bend`, and smooth at zero.
             reach = ROBUST_STD**2 * group.points.constraints
-            bent = np.sqrt(2 * reach * (np.sqrt(1 + size**2 / reach) - 1))
-            robust = np.where(size > 0, scaled * bent / np.where(size > 0, size, 1.0), 0.0)
+            square = np.sum(scaled**2, axis=1, keepdims=True)
+            robust = scaled * np.sqrt(2 / (np.sqrt(1 + square / reach) + 1))
             known = np.isfinite(robust).all(axis=1, keepdims=True)
             parts.append((np.where(known, robust, OUTLIER) * factor[:, None]).ravel())
         return np.concatenate(parts)
