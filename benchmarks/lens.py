@@ -8,6 +8,7 @@ share of draws whose focal length lies inside its 95 % interval.
 
 import argparse
 import json
+import os
 import sys
 import tempfile
 import time
@@ -69,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args(arguments)
     print(f"{'clips':26s}  {'draws':>5s}  {'median std':>10s}  {'rms error':>10s}  {'coverage':>8s}  {'cpu [s]':>7s}")
-    summary: dict[str, object] = {}
+    summary: dict[str, object] = {"draws": options.draws, "clips": options.rendered, "processors": os.cpu_count()}
     for kind, clip, count in (("simulated", simulated, options.draws), ("rendered", rendered, options.rendered)):
         for view_deg in options.views if count else ():
             for scene in options.scenes:

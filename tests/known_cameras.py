@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from small_networks import vggt_on_cpu
 from vfm_sdm.inputs.session import FirstFrames, Network
+from vfm_sdm.inputs.video.camera_tags import CameraTags
 from vfm_sdm.networks.vggt.pose import encode_pose
 from vfm_sdm.stages.cameras.base import find_estimator
 from vfm_sdm.stages.matching.network_view import network_view
@@ -54,6 +55,10 @@ class Pictures(FirstFrames):
     @property
     def pixel_aspects(self) -> dict[str, float]:
         return dict.fromkeys(self._luma, 1.0)
+
+    @property
+    def camera_tags(self) -> dict[str, CameraTags]:
+        return dict.fromkeys(self._luma, CameraTags())
 
     def __init__(self, luma):
         self._luma = dict(luma)

@@ -57,7 +57,7 @@ class PanScene:
     def nearness(self) -> tuple[float, float]:
         """Mean and standard deviation of 1 / distance, as if every value between the ends were as likely [1/m]."""
         near, far = 1 / self.nearest_m, 1 / self.farthest_m
-        return (near + far) / 2, max((near - far) / np.sqrt(12), 1e-3 * near)
+        return (near + far) / 2, float(max((near - far) / np.sqrt(12), 1e-3 * near))
 
 
 def plain_camera(focal: float, size: tuple[int, int]) -> Camera:
