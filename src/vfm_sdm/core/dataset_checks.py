@@ -5,7 +5,7 @@ import xarray as xr
 
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["check_clock", "check_variable"]
+__all__ = ["check_clock", "check_codes", "check_variable"]
 
 
 def check_variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], units: str | None) -> None:
@@ -30,6 +30,29 @@ def check_variable(dataset: xr.Dataset, name: str, dims: tuple[str, ...], units:
         raise DatasetError(f"{name}: expected dims {dims}, got {variable.dims}; transpose or rename them")
     if units is not None and variable.attrs.get("units") != units:
         raise DatasetError(f"{name}: expected units {units!r}, got {variable.attrs.get('units')!r}; convert them")
+
+
+def check_codes(dataset: xr.Dataset, name: str, count: int) -> None:
+    """Refuses codes of which nobody knows the meaning, as a damaged file holds.
+
+    Parameters
+    ----------
+    dataset
+        What holds the variable.
+    name
+        Of the codes.
+    count
+        Number of codes with a meaning; they begin at 0.
+
+    Raises
+    ------
+    DatasetError
+        A code is negative or too large.
+    """
+    codes = dataset[name].values
+    unknown = codes[(codes < 0) | (codes >= count)]
+    if unknown.size:
+        raise DatasetError(f"{name}: expected codes from 0 to {count - 1}, got {unknown[0]}; make the file again")
 
 
 def check_clock(dataset: xr.Dataset) -> None:

@@ -28,7 +28,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.dataset_checks import check_clock, check_variable
+from vfm_sdm.core.dataset_checks import check_clock, check_codes, check_variable
 from vfm_sdm.core.statuses import SampleStatus
 from vfm_sdm.errors import DatasetError
 
@@ -265,12 +265,13 @@ def check_tracks(tracks: xr.Dataset, *, synchronized: bool = False) -> xr.Datase
     Raises
     ------
     DatasetError
-        A variable is missing, or has other dims or units; the clock does not increase.
+        A variable is missing, or has other dims or units; a status has no meaning; the clock does not increase.
     """
     lead = ("view",) if synchronized else ()
     check_variable(tracks, "position", (*lead, "time", "point", "pixel"), "px")
     check_variable(tracks, "position_covariance", (*lead, "time", "point", "pixel_a", "pixel_b"), "px2")
     check_variable(tracks, "status", (*lead, "time", "point"), None)
+    check_codes(tracks, "status", len(STATUS_MEANINGS))
     check_clock(tracks)
     return tracks
 
@@ -380,7 +381,7 @@ def check_displacement(displacement: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     DatasetError
-        A variable is missing, or has other dims or units; the clock does not increase.
+        A variable is missing, or has other dims or units; a status has no meaning; the clock does not increase.
     """
     dims = ("time", "point", "axis")
     check_variable(displacement, "displacement", dims, "mm")
@@ -389,6 +390,7 @@ def check_displacement(displacement: xr.Dataset) -> xr.Dataset:
     check_variable(displacement, "position", dims, "m")
     check_variable(displacement, "reprojection_error", dims[:2], "px")
     check_variable(displacement, "status", dims[:2], None)
+    check_codes(displacement, "status", len(STATUS_MEANINGS))
     check_clock(displacement)
     return displacement
 

@@ -141,6 +141,14 @@ def test_displacement_lacking_a_variable_is_refused(name):
 def test_other_dims_and_units_are_refused():
     with pytest.raises(DatasetError, match=r"position: expected dims \('time', 'point', 'pixel'\), got \('point', "):
         check_tracks(tracks().transpose("point", ...))
+
+
+@pytest.mark.parametrize("code", [-1, len(STATUS_MEANINGS)])
+def test_a_status_without_meaning_is_refused(code):
+    damaged = tracks()
+    damaged["status"][0, 0] = code
+    with pytest.raises(DatasetError, match=f"status: expected codes from 0 to 4, got {code}"):
+        check_tracks(damaged)
     wrong = displacement()
     wrong["displacement"].attrs["units"] = "m"
     with pytest.raises(DatasetError, match="displacement: expected units 'mm', got 'm'; convert them"):

@@ -1,6 +1,7 @@
 """Checks of the signal itself: above its noise, measured at its full size, and recorded whole."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -26,6 +27,8 @@ _FINE_LEVELS = 16
 _GAIN = "gain of injected shifts"
 _GAIN_CAUTION, _GAIN_FAIL = 0.02, 0.1
 _DROPPED_CAUTION, _DROPPED_FAIL = 1e-9, 0.1
+_LOST_FAIL = 0.5
+"""Share of the frames that cannot be read from which what is left is no measurement of the recording."""
 _FRAMES_CAUTION = 50
 _UNUSED = 0.1
 """Share of a recording without frames of the other views at its side that is worth saying."""
@@ -109,8 +112,7 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
         view: (record["dropped"] + record["duplicated"]) / max(record["frames"], 1) for view, record in records.items()
     }
     if damaged:
-        sentence = f"the recording of {damaged[0]!r} is not whole: {records[damaged[0]]['status']}"
-        return AuditCheck(name, Outcome.CAUTION, float("nan"), _DROPPED_CAUTION, "1", sentence, damaged[0])
+        return _judge_damaged(name, max(damaged, key=lambda view: _lost_share(records[view])), records)
     doubtful = {view: record["doubts"] for view, record in records.items() if record.get("doubts")}
     if doubtful and max(share.values()) < _DROPPED_FAIL:
         view, said = next(iter(doubtful.items()))
@@ -123,6 +125,21 @@ def check_recording(inputs: AuditInputs) -> AuditCheck:
         good="no frame is missing or repeated",
         bad="the recording of '{}' lacks frames or repeats them",
     )
+
+
+def _lost_share(record: Mapping[str, Any]) -> float:
+    """Share of a recording's frames, as its container counts them, that could not be read; 0 where nobody knows."""
+    stated = record.get("stated_frames")
+    return 1 - record["frames"] / stated if stated and record["frames"] < stated else 0.0
+
+
+def _judge_damaged(name: str, view: str, records: Mapping[str, Mapping[str, Any]]) -> AuditCheck:
+    """The check of a recording that is not whole."""
+    lost = _lost_share(records[view])
+    outcome = Outcome.FAIL if lost >= _LOST_FAIL else Outcome.CAUTION
+    part = f", {100 * lost:.0f} % of its frames cannot be read" if lost else ""
+    sentence = f"the recording of {view!r} is not whole: {records[view]['status']}{part}; copy it from the camera again"
+    return AuditCheck(name, outcome, lost or float("nan"), _DROPPED_CAUTION, "1", sentence, view)
 
 
 def check_duration(inputs: AuditInputs) -> AuditCheck:

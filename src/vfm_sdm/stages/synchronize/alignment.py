@@ -7,6 +7,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status, check_tracks, worst_status
+from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.signals.resampling import interpolate_runs
 
@@ -87,9 +88,8 @@ def align_views(
     slack = _SAME_CLOCK * interval
     clock = clock[(clock >= start - slack) & (clock <= stop + slack)]
     if clock.size < 2:
-        raise DatasetError(
-            f"views {names}: expected recordings that overlap, got {clock.size} common frames; check time_offset_s"
-        )
+        advice = _advise(tracks_by_view)
+        raise DatasetError(f"views {names}: expected recordings that overlap, got {clock.size} common frames; {advice}")
     aligned, resampled = [], []
     for name, tracks in tracks_by_view.items():
         part, changed = _move_to_clock(tracks, clocks[name], clock, slack)
@@ -99,6 +99,16 @@ def align_views(
     combined = combined.assign_coords(view=names).transpose("view", ...)
     combined.attrs["resampled"] = ", ".join(resampled)
     return check_tracks(combined, synchronized=True)
+
+
+def _advise(tracks_by_view: Mapping[str, xr.Dataset]) -> str:
+    """What to do where recordings have no time in common."""
+    for name, tracks in tracks_by_view.items():
+        status = tracks.attrs.get("recording", {}).get("status", RecordingStatus.OK)
+        if status != RecordingStatus.OK:
+            found = f"the recording of {name!r} is damaged ({status}), {tracks.sizes['time']} of its frames were read"
+            return f"{found}: copy it from the camera again"
+    return "check time_offset_s"
 
 
 def _move_to_clock(tracks: xr.Dataset, have: FloatArray, want: FloatArray, slack: float) -> tuple[xr.Dataset, bool]:

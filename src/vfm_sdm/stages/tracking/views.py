@@ -78,6 +78,7 @@ def track_views(
         tracks[view] = include_lone_errors(include_track_noise(clock.tracks))
         tracks[view].attrs["recording"] = {
             **asdict(video.report),
+            "stated_frames": video.info.frame_count,
             "bits_per_pixel": _bits_per_pixel(video),
             "time_scale": video.info.time_scale,
             **clock.facts,

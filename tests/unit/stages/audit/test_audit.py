@@ -169,6 +169,15 @@ def test_recordings_that_lack_frames_are_named():
     assert audited(replace(run, tracks=tracks))["recordings"].where == "left"
 
 
+@pytest.mark.parametrize(("stated", "outcome"), [(None, "caution"), (250, "caution"), (450, "fail")])
+def test_a_recording_most_of_which_cannot_be_read_fails(stated, outcome):
+    run = good_run(0)
+    record = {"frames": 200, "dropped": 0, "duplicated": 0, "stated_frames": stated, "status": "corrupt"}
+    tracks = run.tracks | {"right": run.tracks["right"].assign_attrs(recording=record)}
+    found = audited(replace(run, tracks=tracks))["recordings"]
+    assert (found.outcome, found.where) == (outcome, "right")
+
+
 def test_halves_of_a_subset_that_part_are_found():
     run = good_run(0)
     noise = np.random.default_rng(1).normal(0, 0.01, run.tracks["right"]["position"].shape)

@@ -111,6 +111,12 @@ def test_recordings_that_do_not_overlap_are_refused():
         align_views({"left": moving_tracks(CLOCK), "right": moving_tracks(CLOCK)}, {"right": 10.0})
 
 
+def test_a_damaged_recording_is_named_where_nothing_overlaps():
+    damaged = moving_tracks(CLOCK).isel(time=slice(1)).assign_attrs(recording={"status": "corrupt"})
+    with pytest.raises(DatasetError, match=r"the recording of 'right' is damaged \(corrupt\), 1 of its frames"):
+        align_views({"left": moving_tracks(CLOCK), "right": damaged})
+
+
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
 def test_resampling_keeps_the_amplitude_of_sines(share):
     frequency = share * 30
