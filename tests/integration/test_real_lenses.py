@@ -72,7 +72,7 @@ def test_a_rubber_strip(shared_data, wrong, stated):
     told = np.linspace(0, pixels.shape[2] - 1, 24).astype(int)
     session = Session(
         name="strip",
-        view=[{"name": n, "images": f"{n}.png", "fps": 1.0, "lens": lens} for n in VIEWS],
+        view=[{"name": n, "video": f"{n}.mp4", "lens": lens} for n in VIEWS],
         site=Site(baseline=Measured(value=rig.baseline(), std=0.0005)),
         point=[
             Point(
