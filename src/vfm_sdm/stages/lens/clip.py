@@ -31,6 +31,8 @@ _MOST_NOISE = 1e-3
 """Noise of a sighting over the longer side beyond which something else than turns moves the picture: features are found
 to a fifth of that."""
 _CLEAR = 4.0
+_BEYOND = 4.0
+"""Standard deviations of what is known before, beyond which a result is not believed."""
 _MOST_DRIFT = 1e-3
 _LEFT_OUT_PX = 0.1
 """What lens model and detectors leave out at the edge of the picture: errors of calibrations with good targets."""
@@ -216,6 +218,8 @@ def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
         f"{1e3 * values[9]:.0f} ms",
     ]
     status = LensStatus.OK
+    mean, std = adjusted.clip.prior
+    beyond = np.abs(values - mean) > _BEYOND * std
     if adjusted.noise_px > _MOST_NOISE * max(width, height):
         status = LensStatus.MOVED
     elif np.sqrt(covariance[0, 0]) > _MOST_FOCAL_STD:
@@ -223,6 +227,11 @@ def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
     elif abs(course.drift) > max(_CLEAR * course.drift_std, _MOST_DRIFT):
         status = LensStatus.CHANGING
         notes.append(f"the focal length changes by {course.drift:+.2%} during the clip; lock focus and zoom")
+    elif np.any(beyond & (std > 0)):
+        # Another minimum, or a camera that was carried: a lens so far from all that is known is not this one.
+        status = LensStatus.NOT_DETERMINED
+        names = ", ".join(name for name, off in zip(LENS, beyond & (std > 0), strict=True) if off)
+        notes.append(f"far from what was stated or any lens has: {names}; state lever and distances as they are")
     return LensEstimate(status, found, covariance, tuple(notes), adjusted, course)
 
 

@@ -39,9 +39,13 @@ def test_a_scene_that_is_never_seen_again_is_named(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("view_deg", [40])
-def test_a_rendered_clip_gives_its_lens(tmp_path, view_deg):
+def test_a_rendered_clip_gives_its_lens_or_none(tmp_path, view_deg):
     plan = draw_plan(1, view_deg, size=(640, 360), fps=25, duration_s=4.0, readout_s=0.015, distance_m=(300.0, 3000.0))
     estimate = estimate_lens(open_video(write_pan_clip(tmp_path / "pan.mp4", plan)), PanScene(300.0, 3000.0))
+    # From its far start this clip finds a lever of 2.7 m and a focal length 10 % off: right, or refused.
+    if estimate.status == LensStatus.NOT_DETERMINED:
+        assert "lever" in estimate.notes[-1]
+        return
     assert estimate.status == LensStatus.OK
     error = np.log(estimate.camera.focal_px / plan.camera.focal_px)
     assert estimate.focal_std < 0.002
