@@ -8,6 +8,7 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray
 __all__ = [
     "edges_across",
     "find_edges",
+    "is_covariance",
     "judged_std",
     "largest_std",
     "measured_axes",
@@ -187,3 +188,24 @@ def raise_variance(covariance: FloatArray, axes: FloatArray, variance: FloatArra
     factor = np.sqrt(np.divide(variance, stated, out=np.ones_like(stated), where=larger))
     raised = back @ (turned * factor[..., :, None] * factor[..., None, :]) @ axes
     return np.where(larger.any(axis=-1)[..., None, None], raised, covariance)
+
+
+def is_covariance(matrix: FloatArray) -> bool:
+    """Whether a matrix is symmetric and has no negative variances, but for rounding.
+
+    Parameters
+    ----------
+    matrix
+        Shape (N, N), of values in any units.
+
+    Examples
+    --------
+    >>> is_covariance(np.diag([1.0, 1e-12])), is_covariance(np.array([[1.0, 2.0], [2.0, 1.0]]))
+    (True, False)
+    """
+    std = np.sqrt(np.clip(np.diag(matrix), 0, None))
+    scale = np.where(std > 0, std, 1.0)
+    correlation = matrix / np.outer(scale, scale)
+    if not np.allclose(correlation, correlation.T, atol=1e-6):
+        return False
+    return bool(np.linalg.eigvalsh((correlation + correlation.T) / 2).min() > -1e-6)

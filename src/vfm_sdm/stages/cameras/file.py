@@ -1,23 +1,24 @@
 """Camera files in the project's own TOML, and the estimator ``file`` that takes the cameras from them."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+from pydantic import Field, Strict, model_validator
 from scipy.spatial.distance import pdist
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.covariances import is_covariance
 from vfm_sdm.core.files import write_file
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera, Rig
 from vfm_sdm.geometry.rig_views import select_views
 from vfm_sdm.inputs.session import Session
-from vfm_sdm.inputs.session.faults import field_faults
+from vfm_sdm.inputs.session.entries import read_entry
+from vfm_sdm.inputs.session.site import Entry
 from vfm_sdm.stages.cameras.base import CameraEstimate
 from vfm_sdm.stages.cameras.opencv_file import read_opencv_camera, read_opencv_stereo
 
@@ -31,11 +32,7 @@ _Vector = tuple[_Number, _Number, _Number]
 _SAME_PLACE = 1e-9
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class _CameraEntry(_Entry):
+class _CameraEntry(Entry):
     name: Annotated[str, Field(min_length=1)]
     image_size: tuple[_Pixels, _Pixels]
     fx: _Focal
@@ -65,7 +62,7 @@ class _CameraEntry(_Entry):
         return Camera(K, self.image_size, np.array(self.distortion), pose)
 
 
-class _RigEntry(_Entry):
+class _RigEntry(Entry):
     format: Literal["vfm-sdm cameras 1"] = "vfm-sdm cameras 1"
     metric: Annotated[bool, Strict()] = False
     camera: Annotated[tuple[_CameraEntry, ...], Field(min_length=1)]
@@ -269,17 +266,7 @@ class FileCameras:
 
 
 def _read_entry(path: Path | str) -> _RigEntry:
-    try:
-        # "utf-8-sig" because some editors begin a file with a byte order mark, which TOML does not know.
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise CameraError(f"{path}: expected a camera file, got none: {error.strerror}; check the path") from error
-    except ValueError as error:  # malformed TOML, or no text at all
-        raise CameraError(f"{path}: expected TOML, got: {error}; correct that line") from error
-    try:
-        entry = _RigEntry(**document)
-    except ValidationError as error:
-        raise CameraError(f"{path}: " + "; ".join(field_faults(error, _RigEntry, document))) from error
+    entry = read_entry(path, _RigEntry, what="camera file")
     names = [camera.name for camera in entry.camera]
     if len(set(names)) != len(names):
         raise CameraError(f"{path}: expected distinct camera names, got {names}; rename them")
@@ -295,20 +282,11 @@ def _make_rig(path: Path | str, entry: _RigEntry) -> Rig:
         if len(entry.covariance) != size or any(len(row) != size for row in entry.covariance):
             raise CameraError(f"{path}: expected a covariance of {size} x {size}, got another shape; write it anew")
         covariance = np.array(entry.covariance)
-        if not _is_covariance(covariance):
+        if not is_covariance(covariance):
             raise CameraError(
                 f"{path}: expected a symmetric covariance without negative variances, got another matrix; write it anew"
             )
     return Rig(names, cameras, entry.metric, covariance)
-
-
-def _is_covariance(matrix: FloatArray) -> bool:
-    std = np.sqrt(np.clip(np.diag(matrix), 0, None))
-    scale = np.where(std > 0, std, 1.0)
-    correlation = matrix / np.outer(scale, scale)
-    if not np.allclose(correlation, correlation.T, atol=1e-6):
-        return False
-    return bool(np.linalg.eigvalsh((correlation + correlation.T) / 2).min() > -1e-6)
 
 
 def _read_posed_rig(path: Path) -> Rig:

@@ -17,13 +17,12 @@ from vfm_sdm.inputs.video.images import find_images
 from vfm_sdm.stages.cameras.file import read_camera
 from vfm_sdm.stages.cameras.profile_priors import LensPrior, prior_of_stated, prior_of_tags, prior_of_unknown
 from vfm_sdm.stages.lens.file import read_lens
+from vfm_sdm.stages.lens.scene import PRINCIPAL_POINT_STD
 
 __all__ = ["CameraPriors", "read_priors"]
 
 
 _CALIBRATED_STD = 0.003
-_PRINCIPAL_POINT_STD = 0.015
-"""Principal point from the image centre, over the image diagonal: usual for lenses that are not calibrated."""
 _CORNER_DISTORTION_STD = 0.025
 """Radial distortion at the image corner, over the radius: usual for lenses that are not wide-angle."""
 _ROTATION_STD_RAD, _POSITION_STD = 1.0, 2.0
@@ -231,7 +230,7 @@ def _read_prior(
     fx, fy = (focal, focal * aspect) if lying else (focal / aspect, focal)
     K = np.array([[fx, 0, (width - 1) / 2], [0, fy, (height - 1) / 2], [0, 0, 1.0]])
     corner = float(np.hypot(width / fx, height / fy)) / 2
-    centre_std = _PRINCIPAL_POINT_STD * diagonal
+    centre_std = PRINCIPAL_POINT_STD * diagonal
     std = [prior.relative_std, centre_std, centre_std, prior.corner_std / corner**2]
     k1, k2, k3 = prior.corner / corner ** (2 * np.arange(1, 4))
     note = "; ".join(prior.notes)
@@ -245,7 +244,7 @@ def _find_lens(session: Session, view: View, size: tuple[float, float], along: i
     ``size`` holds the picture's sides in one unit, ``along`` counts the pixels along the longer one.
     """
     lens, notes = view.lens, []
-    if view.images is not None:
+    if view.images is not None and (lens is None or lens.camera is not None):
         photograph = find_images(session.resolve_pattern(view.images))[0]
         tags = tags_from_exif(photograph)
         if lens is None:

@@ -219,7 +219,7 @@ def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
     ]
     status = LensStatus.OK
     mean, std = adjusted.clip.prior
-    beyond = np.abs(values - mean) > _BEYOND * std
+    beyond = (std > 0) & (np.abs(values - mean) > _BEYOND * std)
     if adjusted.noise_px > _MOST_NOISE * max(width, height):
         status = LensStatus.MOVED
     elif np.sqrt(covariance[0, 0]) > _MOST_FOCAL_STD:
@@ -227,10 +227,10 @@ def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
     elif abs(course.drift) > max(_CLEAR * course.drift_std, _MOST_DRIFT):
         status = LensStatus.CHANGING
         notes.append(f"the focal length changes by {course.drift:+.2%} during the clip; lock focus and zoom")
-    elif np.any(beyond & (std > 0)):
+    elif beyond.any():
         # Another minimum, or a camera that was carried: a lens so far from all that is known is not this one.
         status = LensStatus.NOT_DETERMINED
-        names = ", ".join(name for name, off in zip(LENS, beyond & (std > 0), strict=True) if off)
+        names = ", ".join(name for name, off in zip(LENS, beyond, strict=True) if off)
         notes.append(f"far from what was stated or any lens has: {names}; state lever and distances as they are")
     return LensEstimate(status, found, covariance, tuple(notes), adjusted, course)
 

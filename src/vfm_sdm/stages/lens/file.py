@@ -1,6 +1,5 @@
 """The file of a lens, TOML: what `vfm-sdm lens` writes and a session's ``lens = { file = ... }`` names."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,13 +7,15 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+from pydantic import Field, Strict, model_validator
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.covariances import is_covariance
 from vfm_sdm.core.files import file_hash, write_file
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Camera
-from vfm_sdm.inputs.session.faults import field_faults
+from vfm_sdm.inputs.session.entries import read_entry
+from vfm_sdm.inputs.session.site import Entry
 
 __all__ = ["KnownLens", "read_lens", "write_lens"]
 
@@ -87,16 +88,12 @@ class KnownLens:
         return replace(self, camera=camera, covariance=self.covariance * np.outer(units, units), scaled_from=own)
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class _Clip(_Entry):
+class _Clip(Entry):
     name: str = ""
     sha256: str = ""
 
 
-class _LensEntry(_Entry):
+class _LensEntry(Entry):
     format: Literal["vfm-sdm lens 1"] = "vfm-sdm lens 1"
     image_size: tuple[_Pixels, _Pixels]
     fx: _Focal
@@ -118,11 +115,9 @@ class _LensEntry(_Entry):
                 "file written by this version"
             )
         matrix = np.array(self.covariance)
-        std = np.sqrt(np.clip(np.diag(matrix), 0, None))
-        if not std.all():
+        if not (np.diag(matrix) > 0).all():
             raise ValueError("expected variances > 0 in covariance, got others; write the file anew")
-        correlation = matrix / np.outer(std, std)
-        if not np.allclose(correlation, correlation.T, atol=1e-6) or np.linalg.eigvalsh(correlation).min() < -1e-6:
+        if not is_covariance(matrix):
             raise ValueError("expected a symmetric, positive covariance, got another matrix; write the file anew")
         return self
 
@@ -200,20 +195,8 @@ def read_lens(path: Path | str, *, image_size: tuple[int, int] | None = None) ->
         The file is absent or no TOML, a key is unknown, missing or has an impossible value, or the pictures have
         another shape.
     """
-    try:
-        # "utf-8-sig" because some editors begin a file with a byte order mark, which TOML does not know.
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise CameraError(
-            f"{path}: expected a lens file, got none: {error.strerror}; check the path, or make it from a pan clip "
-            "with `vfm-sdm lens`"
-        ) from error
-    except ValueError as error:  # malformed TOML, or no text at all
-        raise CameraError(f"{path}: expected TOML, got: {error}; correct that line") from error
-    try:
-        entry = _LensEntry(**document)
-    except ValidationError as error:
-        raise CameraError(f"{path}: " + "; ".join(field_faults(error, _LensEntry, document))) from error
+    advice = "check the path, or make it from a pan clip with `vfm-sdm lens`"
+    entry = read_entry(path, _LensEntry, what="lens file", advice=advice)
     K = np.array([[entry.fx, 0.0, entry.cx], [0.0, entry.fy, entry.cy], [0.0, 0.0, 1.0]])
     known = KnownLens(Camera(K, entry.image_size, np.array(entry.distortion)), np.array(entry.covariance))
     if image_size is None:

@@ -9,11 +9,11 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.stages.lens.turning_camera import LensClip, Sightings, TurningCamera
 
-__all__ = ["READOUT_S", "PanScene", "begin_adjustment", "plain_camera"]
+__all__ = ["PRINCIPAL_POINT_STD", "READOUT_S", "PanScene", "begin_adjustment", "plain_camera"]
 
 _FOCAL_STD = 1.0
-_CENTRE_STD = 0.015
-"""Principal point from the image centre, over the image diagonal."""
+PRINCIPAL_POINT_STD = 0.015
+"""Principal point from the image centre, over the image diagonal: usual for lenses that are not calibrated."""
 _K1_CORNER_STD, _K2_CORNER_STD = 0.1, 0.03
 """Radial distortion at the image corner, over the radius: of lenses of any field of view."""
 READOUT_S = 0.012
@@ -101,7 +101,7 @@ def begin_adjustment(
     centre = np.array([(width - 1) / 2, (height - 1) / 2])
     mean = np.array([np.log(focal), *centre, *[0.0] * 5, nearness, READOUT_S])
     levers = [scene.lever_std_m] * 3
-    centre_std = _CENTRE_STD * diagonal
+    centre_std = PRINCIPAL_POINT_STD * diagonal
     std = np.array(
         [
             *(_FOCAL_STD, centre_std, centre_std, _K1_CORNER_STD / corner**2, _K2_CORNER_STD / corner**4),

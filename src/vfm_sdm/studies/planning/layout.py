@@ -19,11 +19,12 @@ from vfm_sdm.stages.cameras.priors import CameraPriors, read_priors
 from vfm_sdm.studies.planning.plan import Plan, PlannedCamera, ReadingsAt
 from vfm_sdm.studies.synthetic.motion import ModalMotion, Mode
 
-__all__ = ["Layout", "check_seen", "lay_out", "note", "try_lay_out"]
+__all__ = ["ONSET_S", "Layout", "check_seen", "lay_out", "note", "try_lay_out"]
 
 _UNHURT_PX = 24.0
 """How far from the border of a picture a point has to stay for its subset [px]."""
-_ONSET_S = 0.5
+ONSET_S = 0.5
+"""Time after rest until the structure moves at its full amplitude [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +123,7 @@ def lay_out(plan: Plan) -> Layout:
         Mode(axis, one.frequency_hz, one.amplitude_mm, damping_ratio=0.0, half_waves=int(axis != "longitudinal"))
         for axis, one in plan.motion.by_axis.items()
     )
-    motion = ModalMotion(modes, support_m=support, span_m=structure.span_m, still_s=plan.still_s, onset_s=_ONSET_S)
+    motion = ModalMotion(modes, support_m=support, span_m=structure.span_m, still_s=plan.still_s, onset_s=ONSET_S)
     laid = Layout(plan, cameras, priors, points3d, face, motion, draft)
     return replace(laid, session=note(laid))
 

@@ -11,14 +11,11 @@ from vfm_sdm.core.datasets import Status
 from vfm_sdm.outputs.results import summarize_displacement
 from vfm_sdm.stages.cameras.site import SiteAdjustment
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
-from vfm_sdm.studies.planning.layout import Layout, check_seen, lay_out
+from vfm_sdm.studies.planning.layout import ONSET_S, Layout, check_seen, lay_out
 from vfm_sdm.studies.planning.plan import Plan
-from vfm_sdm.studies.planning.rehearse import adjust, list_matches, measure_exactly, simulate_tracks
+from vfm_sdm.studies.planning.simulation import adjust, list_matches, measure_exactly, simulate_tracks
 
 __all__ = ["AxisUncertainty", "Prediction", "predict", "state_axes"]
-
-_ONSET_S = 0.5
-"""Time after rest until the structure moves at its full amplitude [s]."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ def state_axes(displacement: xr.Dataset, points: list[str], still_s: float) -> t
         End of the interval at rest [s].
     """
     summary = summarize_displacement(displacement.sel(point=points))
-    moves = displacement["time"].values >= still_s + _ONSET_S
+    moves = displacement["time"].values >= still_s + ONSET_S
     found = []
     for point in points:
         for axis, figures in summary[point]["axes"].items():

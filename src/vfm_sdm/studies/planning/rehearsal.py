@@ -15,7 +15,7 @@ from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.studies.planning.filming import draw_errors, film_plan, true_displacement
 from vfm_sdm.studies.planning.layout import Layout
 from vfm_sdm.studies.planning.prediction import Prediction, state_axes
-from vfm_sdm.studies.planning.rehearse import MATCH_STD_PX, adjust, list_matches, measure_exactly, simulate_tracks
+from vfm_sdm.studies.planning.simulation import MATCH_STD_PX, adjust, list_matches, measure_exactly, simulate_tracks
 
 __all__ = ["Compared", "ComparedAxis", "Rehearsal", "compare_rehearsal", "rehearse_films", "rehearse_tracks"]
 

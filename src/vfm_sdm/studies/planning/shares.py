@@ -13,7 +13,7 @@ from vfm_sdm.stages.cameras.priors import CameraPriors
 from vfm_sdm.stages.cameras.site import SiteAdjustment
 from vfm_sdm.studies.planning.layout import Layout
 from vfm_sdm.studies.planning.prediction import Prediction
-from vfm_sdm.studies.planning.rehearse import adjust, list_matches
+from vfm_sdm.studies.planning.simulation import adjust, list_matches
 
 __all__ = ["Share", "list_shares"]
 

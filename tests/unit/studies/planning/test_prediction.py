@@ -10,8 +10,8 @@ from vfm_sdm.errors import SessionError
 from vfm_sdm.studies.planning.advice import list_advice, pan_clip_std
 from vfm_sdm.studies.planning.layout import check_seen, lay_out
 from vfm_sdm.studies.planning.prediction import predict
-from vfm_sdm.studies.planning.rehearse import adjust, list_matches, predict_noise_px
 from vfm_sdm.studies.planning.shares import list_shares
+from vfm_sdm.studies.planning.simulation import adjust, list_matches, predict_noise_px
 
 EXACT_LENS = {"focal_px": 4820.0, "relative_std": 1e-6}
 EXACT = {"perpendicular_std_m": 1e-5, "longitudinal_std_m": 1e-5, "level_std_deg": 1e-4}
