@@ -341,16 +341,16 @@ class Measurement(Chain[Session]):
         return self
 
     def check_method(self) -> None:
-        """Makes every part that the session asks for before any work is done.
+        """Makes every part that the session asks for, which has to name a point, before any work is done.
 
         Raises
         ------
-        BackendUnavailableError
-            One of them is unknown or cannot run here.
+        BackendUnavailableError, SessionError
+            One of them is unknown or cannot run here; or there is no point.
         """
-        for name in self.products():
-            for kind in self.product(name).parts:
-                self._part(kind)
+        self._session.check_points()
+        for kind in (kind for name in self.products() for kind in self.product(name).parts):
+            self._part(kind)
 
     def part(self, kind: Kind) -> Any:
         """The part of a kind (``cameras``, ``matchers``, ``trackers``) that the session asks for, made once."""

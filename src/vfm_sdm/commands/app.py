@@ -20,6 +20,7 @@ from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.lens import lens
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions
 from vfm_sdm.commands.planning import plan
+from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
 from vfm_sdm.core.registry import find
 from vfm_sdm.core.sensor_datasets import SensorUnits
@@ -46,6 +47,7 @@ app.command(accept)
 app.command(verify)
 app.command(lens)
 app.command(plan)
+app.command(points)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]

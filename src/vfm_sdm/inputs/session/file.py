@@ -18,7 +18,7 @@ from vfm_sdm.inputs.session.model import Session
 __all__ = ["read_session", "session_hash", "write_session"]
 
 
-def read_session(path: Path | str, *, check_files: bool = True) -> Session:
+def read_session(path: Path | str, *, check_files: bool = True, points_needed: bool = True) -> Session:
     """The session in a TOML file; relative paths in it start at the file's folder.
 
     Parameters
@@ -27,6 +27,8 @@ def read_session(path: Path | str, *, check_files: bool = True) -> Session:
         The file.
     check_files
         Whether the videos and other files that it names must be there.
+    points_needed
+        Whether it must name a point; not for what finds them.
 
     Raises
     ------
@@ -56,6 +58,8 @@ def read_session(path: Path | str, *, check_files: bool = True) -> Session:
         faults.append("folder: expected no such key, it is where the file lies; remove it")
     try:
         session = Session(**fields, folder=folder)
+        if points_needed:
+            session.check_points()
     except SessionError as error:
         faults.append(str(error))
     else:

@@ -143,7 +143,8 @@ class Session(Entry):
     name: Name
     view: Annotated[tuple[View, ...], Field(min_length=1)]
     site: Site = Site()
-    point: Annotated[tuple[Point, ...], Field(min_length=1)]
+    point: tuple[Point, ...] = ()
+    """None where they are still to be found; nothing can be measured then, see `check_points`."""
     sensor: tuple[Sensor, ...] = ()
     method: Method = Method()
     chessboard: Chessboard | None = None
@@ -165,6 +166,20 @@ class Session(Entry):
     def reference_view(self) -> View:
         """The first view, whose camera defines the reference frame and whose first frame defines time zero."""
         return self.view[0]
+
+    def check_points(self) -> None:
+        """Refuses a session without points, which can be looked at but not measured.
+
+        Raises
+        ------
+        SessionError
+            It names no point.
+        """
+        if not self.point:
+            raise SessionError(
+                "point: expected at least 1, got 0; add a [[point]], or let `vfm-sdm points suggest` find the best "
+                "places without a click"
+            )
 
     def stated_offset_s(self, view: View) -> float | None:
         """How much later a view begins than the reference view [s]; ``None`` where the session does not say."""

@@ -22,7 +22,7 @@ from vfm_sdm.stages.matching.placing import Known, Place, place_points
 from vfm_sdm.stages.matching.points import named_points
 from vfm_sdm.stages.matching.pyramid import ViewPair
 
-__all__ = ["PointFinder"]
+__all__ = ["PointFinder", "features_near"]
 
 _EPIPOLAR_BAND = 5e-3
 """Matches within this share of the image width from a known rig's epipolar lines help to find points."""
@@ -81,7 +81,7 @@ class PointFinder:
             _enter(points, together, target, placed, subset_px=size)
             alone = [i for i, p in enumerate(named) if points["status"].sel(view=target, point=p.name) in _UNSEEN]
             if alone:
-                matches = matches or _features_near(rig, list(self.frames.values()))
+                matches = matches or features_near(rig, list(self.frames.values()))
                 between = _between(matches, views.index(source), views.index(target))
                 given = {number: suggested[i] for number, i in enumerate(alone) if i in suggested}
                 left = [named[i] for i in alone]
@@ -256,8 +256,16 @@ def _as_correspondence(places: Sequence[Place]) -> Correspondence:
     )
 
 
-def _features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]:
-    """Matches of every view with the reference view that agree with a known rig."""
+def features_near(rig: Rig, images: Sequence[LumaArray]) -> tuple[Matches, ...]:
+    """Matches of every view with the reference view that agree with a known rig.
+
+    Parameters
+    ----------
+    rig
+        Cameras; the scale does not matter.
+    images
+        First frame of every view, shape (H, W) each.
+    """
     found = []
     for index in range(1, len(images)):
         matches = match_features(images[0], images[index])

@@ -137,7 +137,7 @@ def test_a_look_alike_far_from_the_face_is_no_place_of_a_point_on_it(monkeypatch
         return Correspondence(found, np.zeros((*shape, 2)), np.ones(1), np.zeros(1), ok)
 
     monkeypatch.setattr(locate, "find_correspondences", find)
-    monkeypatch.setattr(locate, "_features_near", lambda *_: ())
+    monkeypatch.setattr(locate, "features_near", lambda *_: ())
     nothing = Place(np.full(2, np.nan), np.full((2, 2), np.nan), np.nan, PointStatus.NOT_FOUND)
     monkeypatch.setattr(locate, "place_points", lambda _, pixels, *__, **___: [nothing] * len(pixels))
     points = PointFinder(session(), FRAMES).find(cameras, ()).sel(view="right")

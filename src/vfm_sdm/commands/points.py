@@ -1,0 +1,71 @@
+"""The commands ``points``: places that are worth measuring."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import cyclopts
+import numpy as np
+from cyclopts import Parameter
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.errors import CameraError, DatasetError
+from vfm_sdm.inputs.session import read_session, write_session
+from vfm_sdm.studies.planning.suggested_picture import write_picture
+from vfm_sdm.studies.planning.suggestion import Suggestion, suggest_points
+
+__all__ = ["points"]
+
+points = cyclopts.App(name="points", help="Points of a session: find places that are worth measuring.")
+
+_out = Console(markup=False)
+_err = Console(stderr=True, markup=False)
+
+
+@points.command
+def suggest(
+    session: Annotated[Path, Parameter(help="A session's file, with or without points; docs/points.md.")],
+    *,
+    output: Annotated[
+        Path, Parameter(name=["--output", "-o"], help="Session file to write, with a picture beside it.")
+    ],
+    count: Annotated[int, Parameter(help="Points on the structure.")] = 8,
+    static: Annotated[int, Parameter(help="Points on still background.")] = 3,
+) -> None:
+    """Find the best places on the structure, spread along the span, and on still background: no clicks."""
+    settings = read_session(session, points_needed=False)
+    try:
+        with show_progress() as progress:
+            found = suggest_points(settings, count=count, static=static, progress=progress)
+    except (CameraError, DatasetError) as error:
+        # The input was right, the pictures did not allow a result.
+        _err.print(f"vfm-sdm: {error}", style="red", highlight=False, soft_wrap=True)
+        sys.exit(3)
+    _out.print(_tabulate(found))
+    for note in found.notes:
+        _out.print(f"note: {note}", style="yellow", highlight=False)
+    written = write_session(output, found.session)
+    picture = write_picture(output.with_suffix(".png"), found)
+    _out.print(f"written: {written}, {picture}", highlight=False, soft_wrap=True)
+
+
+def _tabulate(found: Suggestion) -> Table:
+    """The points with what they should measure."""
+    title = "Suggested points; std and expanded uncertainty U (k = 2) of a sample: lateral, vertical, longitudinal"
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    for name in ("point", "along [m]", "std [mm]", "U [mm]", "subset", "why"):
+        table.add_column(Text(name), justify="left" if name in ("point", "why") else "right", overflow="fold")
+    for one in found.points:
+        std, expanded = (_join(values) for values in (one.std_mm, one.expanded_mm))
+        subset = str(one.subset_px) if one.subset_px else "-"
+        table.add_row(Text(one.name), f"{one.along_m:.2f}", std, expanded, subset, Text(one.why))
+    return table
+
+
+def _join(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
+    """Values of three axes in one cell, with two digits."""
+    return " ".join("-" if not np.isfinite(value) else f"{value:.3f}" for value in values)

@@ -1,0 +1,203 @@
+"""Candidates for points: on the structure's face and off it, found in every view and tried on the recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
+from vfm_sdm.core.statuses import PointStatus
+from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.propagation import compute_position_covariance, triangulation_jacobian
+from vfm_sdm.geometry.triangulation import in_front_of_all
+from vfm_sdm.measurement import Measurement
+from vfm_sdm.stages.cameras.solution import CameraSolution
+from vfm_sdm.stages.matching.detection import detect_features
+from vfm_sdm.stages.matching.matches import Matches
+from vfm_sdm.stages.matching.repeats import lie_on_repeats
+from vfm_sdm.stages.registration.designs import Warp
+from vfm_sdm.stages.tracking.base import DesignedTracker
+from vfm_sdm.stages.tracking.design.information import USABLE_STD_PX
+from vfm_sdm.stages.tracking.subset_design import SubsetChoice, design_subsets
+from vfm_sdm.studies.planning.candidates import Located, find_textured, locate_candidates
+from vfm_sdm.studies.planning.choosing import Motion, judge_motion
+from vfm_sdm.studies.planning.face_of_matches import KnownFace, place_matches
+from vfm_sdm.studies.planning.trial_tracks import Tried, try_candidates
+
+__all__ = ["PLACED_PX", "PLACED_STATIC_PX", "Candidates", "find_candidates"]
+
+_GRID = 20, 12
+"""Columns and rows of the grid over the reference view, of whose cells the best place is a candidate."""
+_EACH_STRIP = 3
+"""Places looked for on the face in each strip of the picture; there are two strips for each wanted point."""
+_EACH_PART = 3
+"""Places on the face that are tried for each wanted point, in parts of the span."""
+_STATIC_GRID = 4, 3
+"""Columns and rows of the parts of the picture in which places off the face are looked for."""
+_EACH_CELL = 2
+_NEAR = 0.05
+"""Share of the picture's width within which matches tell where a place lies."""
+PLACED_PX, PLACED_STATIC_PX = 0.3, 3.0
+"""Largest standard deviation of a place in another view [px]: of what is triangulated, and of what is only still."""
+_FAR_STD = 3.0
+"""Standard deviations of what lies on the face, from which on something does not."""
+_UNSEEN = SubsetChoice(None, np.full(2, np.nan), np.full(2, np.nan), 0.0, PointStatus.NOT_FOUND, np.full(2, np.nan))
+"""Of a candidate in a view that does not show it."""
+_FOLLOWED = 0.8
+"""Least share of trial frames with status ok: in the others something passes before it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """P places with all that is known of them before the choice.
+
+    Parameters
+    ----------
+    located
+        Where every view shows them.
+    on_face
+        Which lie on the structure's face, shape (P,).
+    along_m, behind_m
+        Along the longitudinal axis from the reference camera, and behind the face, shape (P,) [m].
+    choices
+        What the subset of each compares, by view; ``None`` for trackers that compare none.
+    tried
+        Trial tracks of every view.
+    motion
+        What these say of motion.
+    """
+
+    located: Located
+    on_face: BoolArray
+    along_m: FloatArray
+    behind_m: FloatArray
+    choices: dict[str, list[SubsetChoice]] | None
+    tried: list[Tried]
+    motion: Motion
+
+    @property
+    def trackable(self) -> BoolArray:
+        """Which were followed in enough frames of every view that shows them, each with a good std, shape (P,)."""
+        seen = np.isfinite(self.located.pixels).all(axis=2)
+        fine = np.array([(one.followed >= _FOLLOWED) & (one.std_px() <= USABLE_STD_PX) for one in self.tried])
+        if self.choices is not None:
+            whole = [[_measures_both(choice) for choice in of_view] for of_view in self.choices.values()]
+            fine &= np.array(whole)
+        return np.asarray((fine | ~seen).all(axis=0) & (seen.sum(axis=0) >= 2))
+
+    def subset_px(self, row: int) -> int:
+        """Side of the subset of a candidate, the largest over views [px]; 0 where none is designed."""
+        designs = [of_view[row].design for of_view in (self.choices or {}).values()]
+        return max((one.subset_px for one in designs if one is not None), default=0)
+
+    def std_mm(self, rig: Rig, rotation: FloatArray, pixels: FloatArray) -> FloatArray:
+        """Standard deviation of one sample along the axes, of all candidates at pixels (V, P, 2), shape (P, 3) [mm]."""
+        covariance = np.stack([np.nan_to_num(one.covariance) for one in self.tried])[:, None]
+        spread = compute_position_covariance(triangulation_jacobian(pixels, rig), covariance)[0]
+        return np.asarray(1e3 * np.sqrt(np.einsum("ai,pij,aj->pa", rotation, spread, rotation)))
+
+
+def find_candidates(
+    measurement: Measurement,
+    face: KnownFace,
+    solution: CameraSolution,
+    matches: Sequence[Matches],
+    wanted: tuple[int, int],
+) -> Candidates:
+    """Places of the reference view that could be points, located and tried.
+
+    Parameters
+    ----------
+    measurement
+        The session's recordings, first frames and tracker.
+    face
+        The structure's face.
+    solution
+        Cameras, and the points of the session, which candidates avoid.
+    matches
+        Feature matches with the reference view: those on the face tell where in the picture it is.
+    wanted
+        Numbers of points of the structure and of static points.
+    """
+    rig, frames = face.rig, measurement.frames
+    luma = frames[face.session.reference_view.name]
+    taken = solution.points["position"].transpose("view", "point", "pixel").values[0]
+    pixels, texture = find_textured(luma, subset_px=measurement.session.method.usual_subset_px, grid=_GRID, avoid=taken)
+    plain = ~lie_on_repeats(pixels, detect_features(luma))
+    pixels, texture = pixels[plain], texture[plain]
+    near_face, near_off = _told_by_matches(pixels, face, rig, matches, luma.shape[1])
+    strips = (pixels[:, 0] * 2 * wanted[0] // luma.shape[1]).astype(int)
+    rows = _best_of_each(strips, (~near_face).astype(float), texture, _EACH_STRIP)
+    on = locate_candidates(face.session, frames, rig, pixels[rows], static=False, matches=matches)
+    behind = face.off_face(on.points3d)
+    good = _is_placed(on, rig, PLACED_PX) & (np.abs(behind) <= _FAR_STD * face.std_m)
+    parts = _parts_of_span(face.along_axes(on.points3d)[:, 2], good, wanted[0])
+    first = np.flatnonzero(good)[_best_of_each(parts, np.zeros(parts.size), texture[rows][good], _EACH_PART)]
+    located = on.chosen(first)
+    if wanted[1]:
+        others = np.setdiff1d(np.arange(len(pixels)), rows[good])
+        cells = (pixels[others] * _STATIC_GRID // [luma.shape[1], luma.shape[0]]).astype(int) @ [1, _STATIC_GRID[0]]
+        some = others[_best_of_each(cells, (~near_off[others]).astype(float), texture[others], _EACH_CELL)]
+        off = locate_candidates(face.session, frames, rig, pixels[some], static=True, matches=matches)
+        located = located.joined(off.chosen(np.flatnonzero(_is_placed(off, rig, PLACED_STATIC_PX))))
+    behind = face.off_face(located.points3d)
+    on_face = np.asarray(np.abs(behind) <= _FAR_STD * face.std_m)
+    choices, tried = _try_all(measurement, located)
+    along = face.along_axes(located.points3d)[:, 2]
+    return Candidates(located, on_face, along, behind, choices, tried, judge_motion(tried, on_face))
+
+
+def _told_by_matches(
+    pixels: FloatArray, face: KnownFace, rig: Rig, matches: Sequence[Matches], width: int
+) -> tuple[BoolArray, BoolArray]:
+    """Which places (N, 2) have a match on the face near them, and which one off it, shape (N,) each."""
+    points3d, at = place_matches(rig, matches)
+    apart = np.abs(face.off_face(points3d)) > _FAR_STD * face.std_m
+    near = np.linalg.norm(pixels[:, None] - at, axis=2) <= _NEAR * width
+    return (near & ~apart).any(axis=1), (near & apart).any(axis=1)
+
+
+def _best_of_each(group: IntArray, order: FloatArray, texture: FloatArray, most: int) -> IntArray:
+    """Indices of the best few of each group: of the lowest order, then with the most texture."""
+    ranked = np.lexsort((-texture, order))
+    kept = [row for one in np.unique(group) for row in ranked[group[ranked] == one][:most]]
+    return np.array(kept, dtype=np.intp)
+
+
+def _is_placed(located: Located, rig: Rig, most_px: float) -> BoolArray:
+    """Which candidates were found in a second view well enough, before the cameras, shape (N,)."""
+    known = np.array([one == PointStatus.OK for one in located.status], dtype=np.bool_)
+    seen: BoolArray = np.asarray(np.isfinite(located.pixels).all(axis=2))
+    with np.errstate(invalid="ignore"):
+        sure = known & (located.std_px <= most_px)
+    return np.asarray(sure & in_front_of_all(located.points3d, rig, seen=seen))
+
+
+def _parts_of_span(along: FloatArray, good: BoolArray, count: int) -> IntArray:
+    """Which of equal parts of the span each good candidate lies in, shape (good,)."""
+    places = along[good]
+    if not places.size:
+        return np.empty(0, dtype=np.intp)
+    share = (places - places.min()) / max(float(np.ptp(places)), 1e-9)
+    return np.asarray(np.minimum((share * count).astype(np.intp), count - 1))
+
+
+def _try_all(measurement: Measurement, located: Located) -> tuple[dict[str, list[SubsetChoice]] | None, list[Tried]]:
+    """Subsets of all candidates by view, and their trial tracks."""
+    tracker, size = measurement.part("trackers"), measurement.session.method.subset_px
+    choices: dict[str, list[SubsetChoice]] | None = {} if isinstance(tracker, DesignedTracker) else None
+    tried = []
+    for (view, video), pixels in zip(measurement.recordings.items(), located.pixels, strict=True):
+        seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+        of_view: list[SubsetChoice] | None = None
+        if choices is not None:
+            names = [str(row) for row in seen]
+            made = dict(zip(seen.tolist(), design_subsets(video, pixels[seen], names, subset_px=size), strict=True))
+            of_view = choices[view] = [made.get(row, _UNSEEN) for row in range(len(pixels))]
+        tried.append(try_candidates(video, pixels, tracker, of_view))
+    return choices, tried
+
+
+def _measures_both(choice: SubsetChoice) -> bool:
+    """Whether a subset was accepted and measures both directions."""
+    return choice.design is not None and choice.design.warp != Warp.EDGE

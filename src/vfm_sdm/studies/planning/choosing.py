@@ -1,0 +1,160 @@
+"""Which candidates are structure and which are still background, and the best of each, well spread."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.studies.planning.trial_tracks import Tried
+
+__all__ = ["Motion", "choose_spread_along", "choose_spread_out", "judge_motion"]
+
+_CLEAR = 3.0
+"""Times the noise that the structure's motion must have to tell structure and background apart."""
+_STILL = 0.05
+"""Share of the structure's motion up to which a place is still: a static point that moves takes as much out of it."""
+_FEWEST_STILL = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How candidates move in trial tracks.
+
+    Parameters
+    ----------
+    moved_px
+        Root mean square motion beyond noise, the largest over views, shape (P,) [px]; NaN where none was followed.
+    noise_px
+        Noise of one frame in the view of that motion, shape (P,) [px].
+    structure_px
+        Usual motion of the structure's better moving quarter [px].
+    tells
+        Whether that is clear of noise, so that motion tells structure and background apart.
+    """
+
+    moved_px: FloatArray
+    noise_px: FloatArray
+    structure_px: float
+    tells: bool
+
+    @property
+    def still(self) -> BoolArray:
+        """Which candidates are seen to be still, shape (P,)."""
+        limit = np.maximum(_STILL * self.structure_px, self.noise_px) if self.tells else self.noise_px
+        return np.asarray(self.moved_px <= limit)
+
+
+def judge_motion(tried: list[Tried], on_face: BoolArray) -> Motion:
+    """How candidates move beyond noise and beyond what all that lies off the face does alike.
+
+    Parameters
+    ----------
+    tried
+        Trial tracks of every view.
+    on_face
+        Which of the P candidates lie on the structure's face, shape (P,).
+
+    Notes
+    -----
+    A camera that moves moves everything. The median motion of what lies off the face is taken out where three places or
+    more show it and it makes them calmer.
+    """
+    rows = [_excess(_steadied(one, ~on_face)) for one in tried]
+    moved, noise = (np.array(part) for part in zip(*rows, strict=True))
+    most = np.argmax(np.nan_to_num(moved, nan=-1.0), axis=0)
+    moved_px, noise_px = (part[most, np.arange(len(on_face))] for part in (moved, noise))
+    face = moved_px[on_face & np.isfinite(moved_px)]
+    structure = float(np.percentile(face, 75)) if face.size else 0.0
+    usual = noise_px[on_face & np.isfinite(noise_px)]
+    around = moved_px[~on_face & np.isfinite(moved_px)]
+    tells = bool(face.size and structure > _CLEAR * float(np.median(usual)))
+    tells = tells and not (around.size and structure <= _CLEAR * float(np.median(around)))
+    return Motion(moved_px, noise_px, structure, tells)
+
+
+def _steadied(tried: Tried, off_face: BoolArray) -> Tried:
+    """Trial tracks without the motion that most of what lies off the face shares."""
+    around = tried.moved[:, off_face & (tried.followed > 0)]
+    if around.shape[1] < _FEWEST_STILL:
+        return tried
+    seen: BoolArray = np.asarray(np.isfinite(around).any(axis=(1, 2)))
+    common = np.where(seen[:, None], np.nanmedian(np.where(seen[:, None, None], around, 0.0), axis=1), 0.0)
+    calmer = np.nanmedian(np.nanstd(around - common[:, None], axis=0))
+    if not calmer < np.nanmedian(np.nanstd(around, axis=0)):
+        return tried
+    return replace(tried, moved=tried.moved - common[:, None])
+
+
+def _excess(tried: Tried) -> tuple[FloatArray, FloatArray]:
+    """Root mean square motion beyond noise, and noise, shape (P,) [px] each."""
+    seen: BoolArray = np.asarray(np.isfinite(tried.moved).all(axis=2))
+    square = np.sum(np.where(seen[..., None], tried.moved, 0.0) ** 2, axis=(0, 2)) / np.maximum(seen.sum(axis=0), 1)
+    noise = np.einsum("pii->p", tried.covariance)
+    moved = np.where(seen.any(axis=0), np.sqrt(np.maximum(square - noise, 0.0)), np.nan)
+    return moved, np.sqrt(noise)
+
+
+def choose_spread_along(along: FloatArray, cost: FloatArray, usable: BoolArray, count: int) -> list[int]:
+    """The best candidate of each of equal parts of the span; where parts have none, the farthest from those taken.
+
+    Parameters
+    ----------
+    along
+        Place along the span, shape (P,) [m].
+    cost
+        What makes one worse than another, shape (P,), in any unit.
+    usable
+        Which may be taken, shape (P,).
+    count
+        Number wanted; fewer where fewer are usable.
+
+    Returns
+    -------
+    rows
+        Indices in their order along the span.
+
+    Examples
+    --------
+    >>> along, cost = np.array([0.0, 0.4, 3.0, 9.5, 10.0]), np.array([2.0, 1.0, 1.0, 1.0, 3.0])
+    >>> choose_spread_along(along, cost, np.ones(5, dtype=bool), 2)
+    [1, 3]
+    >>> choose_spread_along(along, cost, np.ones(5, dtype=bool), 4)
+    [1, 2, 3, 4]
+    """
+    rows = np.flatnonzero(usable & np.isfinite(along) & np.isfinite(cost))
+    if not rows.size or count < 1:
+        return []
+    start, end = along[rows].min(), along[rows].max()
+    part = np.minimum(((along[rows] - start) / max(end - start, 1e-9) * count).astype(int), count - 1)
+    chosen = [int(rows[part == one][np.argmin(cost[rows[part == one]])]) for one in np.unique(part)]
+    while len(chosen) < min(count, rows.size):
+        left = np.setdiff1d(rows, chosen)
+        apart = np.abs(along[left][:, None] - along[chosen]).min(axis=1)
+        chosen.append(int(left[np.argmax(apart)]))
+    return sorted(chosen, key=lambda row: float(along[row]))
+
+
+def choose_spread_out(pixels: FloatArray, cost: FloatArray, usable: BoolArray, count: int) -> list[int]:
+    """The best candidate, then always the farthest from those taken, among the better half.
+
+    Parameters
+    ----------
+    pixels
+        Places in a picture, shape (P, 2) [px].
+    cost, usable, count
+        As of `choose_spread_along`.
+
+    Examples
+    --------
+    >>> pixels, cost = np.array([[0.0, 0.0], [9.0, 0.0], [400.0, 300.0]]), np.array([1.0, 1.5, 2.0])
+    >>> choose_spread_out(pixels, cost, np.ones(3, dtype=bool), 2)
+    [0, 2]
+    """
+    rows = np.flatnonzero(usable & np.isfinite(cost))
+    rows = rows[np.argsort(cost[rows], kind="stable")][: max(2 * count, (rows.size + 1) // 2)]
+    chosen = [int(row) for row in rows[: min(count, 1)]]
+    while chosen and len(chosen) < min(count, rows.size):
+        left = np.setdiff1d(rows, chosen)
+        apart = np.linalg.norm(pixels[left][:, None] - pixels[chosen], axis=2).min(axis=1)
+        chosen.append(int(left[np.argmax(apart)]))
+    return chosen
