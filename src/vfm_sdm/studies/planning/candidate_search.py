@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.propagation import compute_position_covariance, triangulation_jacobian
@@ -24,12 +24,13 @@ from vfm_sdm.studies.planning.choosing import Motion, judge_motion
 from vfm_sdm.studies.planning.face_of_matches import KnownFace, place_matches
 from vfm_sdm.studies.planning.trial_tracks import Tried, try_candidates
 
-__all__ = ["PLACED_PX", "PLACED_STATIC_PX", "Candidates", "find_candidates"]
+__all__ = ["PLACED_PX", "Candidates", "find_candidates"]
 
 _GRID = 20, 12
 """Columns and rows of the grid over the reference view, of whose cells the best place is a candidate."""
-_EACH_STRIP = 3
-"""Places looked for on the face in each strip of the picture; there are two strips for each wanted point."""
+_ROWS = 3
+"""Parts of the height of the picture; in each of them, one place of two columns for each wanted point is looked for on
+the face."""
 _EACH_PART = 3
 """Places on the face that are tried for each wanted point, in parts of the span."""
 _STATIC_GRID = 4, 3
@@ -37,8 +38,8 @@ _STATIC_GRID = 4, 3
 _EACH_CELL = 2
 _NEAR = 0.05
 """Share of the picture's width within which matches tell where a place lies."""
-PLACED_PX, PLACED_STATIC_PX = 0.3, 3.0
-"""Largest standard deviation of a place in another view [px]: of what is triangulated, and of what is only still."""
+PLACED_PX = 3.0
+"""Largest standard deviation of a place in another view [px]: farther off, registration does not find it."""
 _FAR_STD = 3.0
 """Standard deviations of what lies on the face, from which on something does not."""
 _UNSEEN = SubsetChoice(None, np.full(2, np.nan), np.full(2, np.nan), 0.0, PointStatus.NOT_FOUND, np.full(2, np.nan))
@@ -126,25 +127,40 @@ def find_candidates(
     plain = ~lie_on_repeats(pixels, detect_features(luma))
     pixels, texture = pixels[plain], texture[plain]
     near_face, near_off = _told_by_matches(pixels, face, rig, matches, luma.shape[1])
-    strips = (pixels[:, 0] * 2 * wanted[0] // luma.shape[1]).astype(int)
-    rows = _best_of_each(strips, (~near_face).astype(float), texture, _EACH_STRIP)
+    moves = _find_moving(measurement, pixels)
+    cells = _cells(pixels, luma, (2 * wanted[0], _ROWS))
+    rows = _best_of_each(cells, np.asarray(2.0 * ~moves + ~near_face), texture, 1)
     on = locate_candidates(face.session, frames, rig, pixels[rows], static=False, matches=matches)
     behind = face.off_face(on.points3d)
-    good = _is_placed(on, rig, PLACED_PX) & (np.abs(behind) <= _FAR_STD * face.std_m)
+    good = _is_placed(on, rig) & (np.abs(behind) <= _FAR_STD * face.std_m)
     parts = _parts_of_span(face.along_axes(on.points3d)[:, 2], good, wanted[0])
     first = np.flatnonzero(good)[_best_of_each(parts, np.zeros(parts.size), texture[rows][good], _EACH_PART)]
     located = on.chosen(first)
     if wanted[1]:
         others = np.setdiff1d(np.arange(len(pixels)), rows[good])
-        cells = (pixels[others] * _STATIC_GRID // [luma.shape[1], luma.shape[0]]).astype(int) @ [1, _STATIC_GRID[0]]
-        some = others[_best_of_each(cells, (~near_off[others]).astype(float), texture[others], _EACH_CELL)]
+        order = np.asarray(2.0 * moves[others] + ~near_off[others])
+        cells = _cells(pixels[others], luma, _STATIC_GRID)
+        some = others[_best_of_each(cells, order, texture[others], _EACH_CELL)]
         off = locate_candidates(face.session, frames, rig, pixels[some], static=True, matches=matches)
-        located = located.joined(off.chosen(np.flatnonzero(_is_placed(off, rig, PLACED_STATIC_PX))))
+        located = located.joined(off.chosen(np.flatnonzero(_is_placed(off, rig))))
     behind = face.off_face(located.points3d)
     on_face = np.asarray(np.abs(behind) <= _FAR_STD * face.std_m)
     choices, tried = _try_all(measurement, located)
     along = face.along_axes(located.points3d)[:, 2]
     return Candidates(located, on_face, along, behind, choices, tried, judge_motion(tried, on_face))
+
+
+def _cells(pixels: FloatArray, luma: LumaArray, grid: tuple[int, int]) -> IntArray:
+    """Number of the cell of a grid (columns, rows) over the picture in which each place (N, 2) lies, shape (N,)."""
+    place = (pixels * grid // [luma.shape[1], luma.shape[0]]).astype(np.intp)
+    return np.asarray(place @ [1, grid[0]])
+
+
+def _find_moving(measurement: Measurement, pixels: FloatArray) -> BoolArray:
+    """Which places (N, 2) of the reference view move, by a quick look that only sets an order, shape (N,)."""
+    video = measurement.recordings[measurement.session.reference_view.name]
+    looked = try_candidates(video, pixels, measurement.part("trackers"), in_a_row=1)
+    return judge_motion([looked], np.ones(len(pixels), dtype=np.bool_)).with_structure
 
 
 def _told_by_matches(
@@ -164,12 +180,11 @@ def _best_of_each(group: IntArray, order: FloatArray, texture: FloatArray, most:
     return np.array(kept, dtype=np.intp)
 
 
-def _is_placed(located: Located, rig: Rig, most_px: float) -> BoolArray:
+def _is_placed(located: Located, rig: Rig) -> BoolArray:
     """Which candidates were found in a second view well enough, before the cameras, shape (N,)."""
     known = np.array([one == PointStatus.OK for one in located.status], dtype=np.bool_)
     seen: BoolArray = np.asarray(np.isfinite(located.pixels).all(axis=2))
-    with np.errstate(invalid="ignore"):
-        sure = known & (located.std_px <= most_px)
+    sure = known & (located.largest_std_px <= PLACED_PX)
     return np.asarray(sure & in_front_of_all(located.points3d, rig, seen=seen))
 
 

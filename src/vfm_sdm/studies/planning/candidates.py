@@ -111,7 +111,7 @@ class Located:
     pixels
         Shape (V, N, 2) [px]; those of the reference view are as given.
     std_px
-        Standard deviation of each, largest over views and axes, shape (N,) [px].
+        Standard deviation of each, shape (V, N, 2) [px]; 0 in the reference view.
     points3d
         In the frame of the reference camera, shape (N, 3) [m]; NaN where no second view shows a place.
     status
@@ -123,15 +123,20 @@ class Located:
     points3d: FloatArray
     status: tuple[str, ...]
 
+    @property
+    def largest_std_px(self) -> FloatArray:
+        """The largest standard deviation over views and axes, shape (N,) [px]."""
+        return np.asarray(np.where(np.isfinite(self.std_px), self.std_px, 0.0).max(axis=(0, 2)))
+
     def chosen(self, rows: IntArray) -> "Located":
         """Those of these rows."""
         status = tuple(self.status[row] for row in rows)
-        return Located(self.pixels[:, rows], self.std_px[rows], self.points3d[rows], status)
+        return Located(self.pixels[:, rows], self.std_px[:, rows], self.points3d[rows], status)
 
     def joined(self, other: "Located") -> "Located":
         """These and others."""
         pixels = np.concatenate([self.pixels, other.pixels], axis=1)
-        std_px = np.concatenate([self.std_px, other.std_px])
+        std_px = np.concatenate([self.std_px, other.std_px], axis=1)
         return Located(pixels, std_px, np.concatenate([self.points3d, other.points3d]), self.status + other.status)
 
 
@@ -161,12 +166,10 @@ def locate_candidates(
         for number, (u, v) in enumerate(pixels)
     )
     if not named:
-        return Located(np.empty((len(frames), 0, 2)), np.empty(0), np.empty((0, 3)), ())
+        nowhere = np.empty((len(frames), 0, 2))
+        return Located(nowhere, nowhere, np.empty((0, 3)), ())
     found = PointFinder(session.model_copy(update={"point": named}), frames).find(rig, matches)
     position, std = (found[name].transpose("view", "point", "pixel").values for name in ("position", "position_std"))
     states = found["status"].transpose("point", "view").values[:, 1:]
     status = tuple(str(PointStatus.OK if (row == PointStatus.OK).any() else row[0]) for row in states)
-    known = np.array([one == PointStatus.OK for one in status])
-    with np.errstate(invalid="ignore"):
-        largest = np.where(known, np.nanmax(np.where(np.isfinite(std), std, 0.0), axis=(0, 2)), np.nan)
-    return Located(position, largest, triangulate(position, rig), status)
+    return Located(position, std, triangulate(position, rig), status)

@@ -7,12 +7,17 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.studies.planning.trial_tracks import Tried
 
-__all__ = ["Motion", "choose_spread_along", "choose_spread_out", "judge_motion"]
+__all__ = ["MOVES", "Motion", "choose_spread_along", "choose_spread_out", "judge_motion"]
 
 _CLEAR = 3.0
 """Times the noise that the structure's motion must have to tell structure and background apart."""
 _STILL = 0.05
 """Share of the structure's motion up to which a place is still: a static point that moves takes as much out of it."""
+MOVES = 0.2
+"""Share of the structure's usual motion from which a place moves with it; what moves less may be leaves, or near a
+support, where there is little to measure."""
+_BETTER = 75
+"""Per cent of the places on the face that move less than what is taken for the structure's usual motion."""
 _FEWEST_STILL = 3
 
 
@@ -38,10 +43,20 @@ class Motion:
     tells: bool
 
     @property
+    def clear_of_noise(self) -> BoolArray:
+        """Which candidates are seen to move, shape (P,)."""
+        return np.asarray(self.moved_px > _CLEAR * self.noise_px)
+
+    @property
+    def with_structure(self) -> BoolArray:
+        """Which candidates are seen to move as the structure does, shape (P,)."""
+        return np.asarray(self.clear_of_noise & (self.moved_px >= MOVES * self.structure_px))
+
+    @property
     def still(self) -> BoolArray:
-        """Which candidates are seen to be still, shape (P,)."""
+        """Which candidates do not move beyond noise and, where the structure moves, hardly beside it, shape (P,)."""
         limit = np.maximum(_STILL * self.structure_px, self.noise_px) if self.tells else self.noise_px
-        return np.asarray(self.moved_px <= limit)
+        return np.asarray((self.moved_px <= limit) & ~self.clear_of_noise)
 
 
 def judge_motion(tried: list[Tried], on_face: BoolArray) -> Motion:
@@ -63,13 +78,15 @@ def judge_motion(tried: list[Tried], on_face: BoolArray) -> Motion:
     moved, noise = (np.array(part) for part in zip(*rows, strict=True))
     most = np.argmax(np.nan_to_num(moved, nan=-1.0), axis=0)
     moved_px, noise_px = (part[most, np.arange(len(on_face))] for part in (moved, noise))
-    face = moved_px[on_face & np.isfinite(moved_px)]
-    structure = float(np.percentile(face, 75)) if face.size else 0.0
-    usual = noise_px[on_face & np.isfinite(noise_px)]
-    around = moved_px[~on_face & np.isfinite(moved_px)]
-    tells = bool(face.size and structure > _CLEAR * float(np.median(usual)))
-    tells = tells and not (around.size and structure <= _CLEAR * float(np.median(around)))
-    return Motion(moved_px, noise_px, structure, tells)
+    face, around = (np.isfinite(moved_px) & part for part in (on_face, ~on_face))
+    if not face.any():
+        return Motion(moved_px, noise_px, 0.0, tells=False)
+    usual = float(np.percentile(moved_px[face], _BETTER))
+    beside = float(np.median(moved_px[around])) if around.any() else 0.0
+    tells = bool(usual > _CLEAR * max(float(np.median(noise_px[face])), beside))
+    # An abutment on the plane of the face does not make the structure's motion less.
+    moving = face & (moved_px > _CLEAR * noise_px) if tells else face
+    return Motion(moved_px, noise_px, float(np.percentile(moved_px[moving], _BETTER)), tells)
 
 
 def _steadied(tried: Tried, off_face: BoolArray) -> Tried:

@@ -10,14 +10,20 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import CameraError, DatasetError, SessionError
-from vfm_sdm.geometry.propagation import compute_gain_covariance, compute_gain_sensitivity, projection_jacobian
+from vfm_sdm.geometry.propagation import (
+    compute_gain_covariance,
+    compute_gain_sensitivity,
+    compute_place_covariance,
+    compute_place_sensitivity,
+    projection_jacobian,
+)
 from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 from vfm_sdm.stages.matching.locate import features_near
-from vfm_sdm.studies.planning.candidate_search import PLACED_PX, PLACED_STATIC_PX, Candidates, find_candidates
+from vfm_sdm.studies.planning.candidate_search import PLACED_PX, Candidates, find_candidates
 from vfm_sdm.studies.planning.choosing import choose_spread_along, choose_spread_out
 from vfm_sdm.studies.planning.face_of_matches import KnownFace, know_face_of_session
 
@@ -44,8 +50,8 @@ class SuggestedPoint:
     std_mm
         Predicted standard deviation of one sample along the lateral, vertical and longitudinal axis, shape (3,) [mm].
     expanded_mm
-        Predicted expanded uncertainty (k = 2) of one sample along these axes, shape (3,) [mm]: that noise and what the
-        cameras leave uncertain of a vertical motion as large as the trial tracks show.
+        Predicted expanded uncertainty (k = 2) of one sample along these axes, shape (3,) [mm]: that noise and what
+        cameras and place leave uncertain of a vertical motion as large as the trial tracks show.
     subset_px
         Side of its subset, largest over views [px].
     moved_px
@@ -150,9 +156,9 @@ def suggest_points(
 def _settle(measurement: Measurement, face: KnownFace, found: Candidates, wanted: tuple[int, int]) -> Suggestion:
     """The choice that the measurement itself finds again."""
     session, usable = measurement.session, found.trackable
-    first = found.std_mm(face.rig, face.frame.rotation, found.located.pixels)
+    cost = _predict(found, face, measurement.cameras, found.located.pixels, found.located.std_px)[1]
     for _ in range(_ROUNDS):
-        rows, still = _choose(found, first, usable, wanted)
+        rows, still = _choose(found, cost, usable, wanted)
         if not rows:
             raise DatasetError(
                 "points suggest: expected places on the structure's face that two views show and that can be followed, "
@@ -162,7 +168,7 @@ def _settle(measurement: Measurement, face: KnownFace, found: Candidates, wanted
         named = _name(session, found, rows, still)
         extended = session.model_copy(update={"point": (*session.point, *named)})
         again = Measurement(extended).given(recordings=measurement.recordings, frames=measurement.frames).cameras
-        lost = _lost(again, named, found.located.pixels[:, rows + still], len(rows))
+        lost = _lost(again, named, found.located.pixels[:, rows + still])
         if not lost:
             break
         usable = usable.copy()
@@ -170,8 +176,8 @@ def _settle(measurement: Measurement, face: KnownFace, found: Candidates, wanted
     kept = [one for one in range(len(named)) if one not in lost]
     if not any(one < len(rows) for one in kept):
         raise DatasetError(
-            "points suggest: expected the chosen places to be found again by the cameras that are adjusted to them, got "
-            f"none ({again.status}); check what was measured on site, or name points by hand"
+            "points suggest: expected the chosen places to be found again by the cameras that are adjusted to them, "
+            f"got none ({again.status}); check what was measured on site, or name points by hand"
         )
     named = tuple(named[one] for one in kept)
     extended = session.model_copy(update={"point": (*session.point, *named)})
@@ -180,18 +186,18 @@ def _settle(measurement: Measurement, face: KnownFace, found: Candidates, wanted
 
 
 def _choose(
-    found: Candidates, std_mm: FloatArray, usable: BoolArray, wanted: tuple[int, int]
+    found: Candidates, expanded_mm: FloatArray, usable: BoolArray, wanted: tuple[int, int]
 ) -> tuple[list[int], list[int]]:
     """Indices of points of the structure, in their order along the span, and of static ones."""
     motion = found.motion
     structure = usable & found.on_face
     still = usable & motion.still
     if motion.tells:
-        structure &= ~motion.still
+        structure &= motion.with_structure
     else:
         still &= ~found.on_face
     # Lateral and vertical motion is what is measured; along the structure it hardly moves.
-    rows = choose_spread_along(found.along_m, np.linalg.norm(std_mm[:, :2], axis=1), structure, wanted[0])
+    rows = choose_spread_along(found.along_m, np.linalg.norm(expanded_mm[:, :2], axis=1), structure, wanted[0])
     worst_px = np.max([one.std_px() for one in found.tried], axis=0)
     return rows, choose_spread_out(found.located.pixels[0], worst_px, still, wanted[1])
 
@@ -208,15 +214,14 @@ def _name(session: Session, found: Candidates, rows: list[int], still: list[int]
     return tuple(named)
 
 
-def _lost(again: CameraSolution, named: Sequence[Point], pixels: FloatArray, structural: int) -> list[int]:
+def _lost(again: CameraSolution, named: Sequence[Point], pixels: FloatArray) -> list[int]:
     """Which of the named points the measurement does not find again where they were, pixels (V, P, 2) [px]."""
     lost = []
     for number, point in enumerate(named):
         one = again.points.sel(point=point.name).transpose("view", "pixel", ...)
         apart = np.linalg.norm(one["position"].values - pixels[:, number], axis=1)[1:]
         ok = (one["status"].values == PointStatus.OK)[1:]
-        most_px = PLACED_PX if number < structural else PLACED_STATIC_PX
-        placed = ok & (one["position_std"].values[1:] <= most_px).all(axis=1) & (apart <= max(_SAME_PX, most_px))
+        placed = ok & (one["position_std"].values[1:] <= PLACED_PX).all(axis=1) & (apart <= _SAME_PX)
         if again.rig is None or not placed.any():
             lost.append(number)
     return lost
@@ -226,22 +231,12 @@ def _describe(
     found: Candidates, face: KnownFace, again: CameraSolution, named: Sequence[Point], rows: Sequence[int]
 ) -> tuple[SuggestedPoint, ...]:
     """The points with what they should measure, by the cameras that were adjusted to them."""
-    rig = face.rig if again.rig is None else again.rig
-    rotation = (face.frame if again.frame is None else again.frame).rotation
-    pixels = found.located.pixels.copy()
-    names = [point.name for point in named]
-    pixels[:, rows] = again.points["position"].transpose("view", "point", "pixel").sel(point=names).values
-    std_mm = found.std_mm(rig, rotation, pixels)
-    places, chosen = triangulate(pixels, rig), pixels[:, rows]
-    # What moves a picture by so many pixels moves vertically by so many millimetres.
-    per_m = np.einsum("pvki,i->pvk", projection_jacobian(places[rows], rig), rotation[1])
-    amplitude_mm = 1e3 * found.motion.moved_px[rows] / np.linalg.norm(per_m, axis=2).max(axis=1)
-    scale = np.zeros((len(rows), 3))
-    if again.covariance is not None:
-        gains = compute_gain_covariance(compute_gain_sensitivity(chosen, rig), rotation, again.covariance)
-        scale = np.sqrt(np.maximum(gains[:, :, 1, 1], 0.0)) * np.nan_to_num(amplitude_mm)[:, None]
-    expanded = COVERAGE_FACTOR * np.hypot(std_mm[rows], scale)
-    along = places @ rotation.T
+    pixels, place_px = found.located.pixels.copy(), found.located.std_px.copy()
+    of_named = again.points.sel(point=[point.name for point in named])
+    pixels[:, rows] = of_named["position"].transpose("view", "point", "pixel").values
+    place_px[:, rows] = of_named["position_std"].transpose("view", "point", "pixel").values
+    std_mm, expanded_mm = _predict(found, face, again, pixels, place_px)
+    along = triangulate(pixels, again.rig or face.rig) @ (again.frame or face.frame).rotation.T
     return tuple(
         SuggestedPoint(
             name=point.name,
@@ -250,19 +245,41 @@ def _describe(
             along_m=float(along[row, 2]),
             behind_m=float(along[row, 0] - face.distance_m),
             std_mm=std_mm[row],
-            expanded_mm=expanded[number],
+            expanded_mm=expanded_mm[row],
             subset_px=found.subset_px(row),
             moved_px=float(found.motion.moved_px[row]),
             why=_why(found, row, static=point.static),
         )
-        for number, (point, row) in enumerate(zip(named, rows, strict=True))
+        for point, row in zip(named, rows, strict=True)
     )
+
+
+def _predict(
+    found: Candidates, face: KnownFace, solution: CameraSolution, pixels: FloatArray, place_px: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Standard deviation and expanded uncertainty of one sample of all candidates, shape (P, 3) [mm] each.
+
+    The latter holds what cameras, and places of standard deviations (V, P, 2) [px], leave uncertain of a vertical
+    motion as large as trial tracks show.
+    """
+    rig, rotation = solution.rig or face.rig, (solution.frame or face.frame).rotation
+    std_mm = found.std_mm(rig, rotation, pixels)
+    # What moves a picture by so many pixels moves vertically by so many millimetres.
+    per_m = projection_jacobian(triangulate(pixels, rig), rig) @ rotation[1]
+    amplitude_mm = 1e3 * np.nan_to_num(found.motion.moved_px) / np.linalg.norm(per_m, axis=2).max(axis=1)
+    place = np.nan_to_num(place_px).swapaxes(0, 1).reshape(pixels.shape[1], -1)
+    gains = compute_place_covariance(compute_place_sensitivity(pixels, rig) * place[..., None, None], rotation)
+    if solution.covariance is not None:
+        gains = gains + compute_gain_covariance(compute_gain_sensitivity(pixels, rig), rotation, solution.covariance)
+    scale = np.sqrt(np.maximum(gains[:, :, 1, 1], 0.0)) * amplitude_mm[:, None]
+    return std_mm, COVERAGE_FACTOR * np.hypot(std_mm, scale)
 
 
 def _why(found: Candidates, row: int, *, static: bool) -> str:
     """What speaks for a point, in a few words."""
     motion, moved = found.motion, found.motion.moved_px[row]
-    off = "on the face" if found.on_face[row] else f"{found.behind_m[row]:+.1f} m behind the face"
+    side = "behind" if found.behind_m[row] > 0 else "before"
+    off = "on the face" if found.on_face[row] else f"{abs(found.behind_m[row]):.1f} m {side} the face"
     if static:
         return f"{off}, still ({moved:.2f} px)" if motion.tells else f"{off}, still (so is the face)"
     return f"on the face, moves {moved:.2f} px" if motion.tells else "on the face; motion not clear of noise"
@@ -278,10 +295,8 @@ def _notes(
     else:
         notes.append("the structure's motion is not clear of noise in the trial frames: the face alone tells it apart")
     fixed = sum(point.static for point in points)
-    if len(points) - fixed < wanted[0]:
-        notes.append(
-            f"{len(points) - fixed} of {wanted[0]} points found: no further place is seen in two views and followed"
-        )
+    if (structural := len(points) - fixed) < wanted[0]:
+        notes.append(f"{structural} of {wanted[0]} points found: no further place is seen in two views and followed")
     if wanted[1] and not fixed:
         notes.append(
             "no still background found, so no static point: camera motion is neither seen nor taken out; name a place "

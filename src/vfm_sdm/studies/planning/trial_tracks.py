@@ -16,9 +16,9 @@ from vfm_sdm.stages.tracking.lone_errors import include_lone_errors
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
-__all__ = ["Tried", "try_candidates"]
+__all__ = ["IN_A_ROW", "Tried", "try_candidates"]
 
-_BURST = 96
+IN_A_ROW = 96
 """Frames in a row that are tracked: the filter for noise near the Nyquist frequency needs 82 of them."""
 _SPREAD = 20
 """Frames beside them, spread over the recording: as many as subsets are designed from."""
@@ -46,11 +46,20 @@ class Tried:
     moved: FloatArray
 
     def std_px(self) -> FloatArray:
-        """Standard deviation of one frame in the worst direction, shape (P,) [px]."""
-        return np.asarray(np.sqrt(np.linalg.eigvalsh(np.nan_to_num(self.covariance, nan=np.inf))[:, 1]))
+        """Standard deviation of one frame in the worst direction, shape (P,) [px]; infinite where not followed."""
+        known: BoolArray = np.asarray(np.isfinite(self.covariance).all(axis=(1, 2)))
+        worst = np.linalg.eigvalsh(np.where(known[:, None, None], self.covariance, 0.0))[:, 1]
+        return np.where(known, np.sqrt(np.maximum(worst, 0.0)), np.inf)
 
 
-def try_candidates(video: Video, pixels: FloatArray, tracker: Tracker, choices: Sequence[SubsetChoice] | None) -> Tried:
+def try_candidates(
+    video: Video,
+    pixels: FloatArray,
+    tracker: Tracker,
+    choices: Sequence[SubsetChoice] | None = None,
+    *,
+    in_a_row: int = IN_A_ROW,
+) -> Tried:
     """Tracks of candidates over the first frames and some spread over the rest.
 
     Parameters
@@ -62,7 +71,9 @@ def try_candidates(video: Video, pixels: FloatArray, tracker: Tracker, choices: 
     tracker
         The session's tracker.
     choices
-        What the subset of each compares, length P; ``None`` for trackers that compare none.
+        What the subset of each compares, length P; ``None`` for whole squares.
+    in_a_row
+        First frames that are tracked beside those spread over the recording; 1 for a quick look at what moves.
 
     Notes
     -----
@@ -77,18 +88,18 @@ def try_candidates(video: Video, pixels: FloatArray, tracker: Tracker, choices: 
         nothing = np.full((count, 2, 2), np.nan)
         return Tried(np.zeros(count), nothing, False, np.full((1, count, 2), np.nan))
     names = [str(number) for number in np.flatnonzero(known)]
-    excerpt = Video(_Excerpt(video))
+    excerpt = Video(_Excerpt(video, in_a_row))
     if choices is not None and isinstance(tracker, DesignedTracker):
         designs = [one.design for one, there in zip(choices, known, strict=True) if there]
         tracks = tracker.track(excerpt, pixels[known], names=names, designs=designs)
     else:
         tracks = tracker.track(excerpt, pixels[known], names=names)
-    return _describe(tracks, known)
+    return _describe(tracks, known, in_a_row)
 
 
-def _describe(tracks: xr.Dataset, known: BoolArray) -> Tried:
+def _describe(tracks: xr.Dataset, known: BoolArray, in_a_row: int) -> Tried:
     """The tracks of the known ones among all candidates."""
-    row = min(_BURST, tracks.sizes["time"])
+    row = min(in_a_row, tracks.sizes["time"]) if in_a_row > 1 else tracks.sizes["time"]
     burst = include_lone_errors(include_track_noise(tracks.isel(time=slice(0, row))))
     good = tracks["status"].values == Status.OK
     covariance = burst["position_covariance"].values.copy()
@@ -111,8 +122,8 @@ def _median(values: FloatArray) -> FloatArray:
 class _Excerpt:
     """Source of the first frames of a view, and of some spread over the rest of it, in order."""
 
-    def __init__(self, video: Video) -> None:
-        self._video = video
+    def __init__(self, video: Video, in_a_row: int) -> None:
+        self._video, self._in_a_row = video, in_a_row
 
     @property
     def info(self) -> VideoInfo:
@@ -132,4 +143,4 @@ class _Excerpt:
                 number, last_s = number + 1, frame.time_s
 
     def _first(self) -> Generator[Frame]:
-        yield from self._video.frames(stop=_BURST)
+        yield from self._video.frames(stop=self._in_a_row)

@@ -146,6 +146,19 @@ def test_patterns_take_wildcards_in_the_folders_name_literally(tmp_path):
     assert session.resolve_pattern("right/*.jpg") == f"{glob.escape(str(tmp_path))}/bridge [[]2026]/right/*.jpg"
 
 
+def test_a_session_without_points_is_only_for_what_finds_them(tmp_path):
+    session = small(point=[])
+    assert session.point == ()
+    with pytest.raises(SessionError, match=r"point: expected at least 1, got 0; .*vfm-sdm points suggest"):
+        session.check_points()
+    for name in ("l.mp4", "r.mp4"):
+        (tmp_path / name).write_bytes(b"")
+    path = write_session(tmp_path / "session.toml", session.model_copy(update={"folder": tmp_path}))
+    assert read_session(path, points_needed=False).point == ()
+    with pytest.raises(SessionError, match=r"session.toml: point: expected at least 1, got 0"):
+        read_session(path)
+
+
 def test_level_angles_fall_back_to_the_common_value():
     level = Level(value_deg=1.0, roll_deg=-0.5, std_deg=0.3)
     assert (level.pitch, level.roll) == (1.0, -0.5)
@@ -353,7 +366,6 @@ subset_px = 40
 # What is wrong, and the message that says so.
 FAULTS = {
     "no view": ({"view": []}, r"view: expected at least 1, got 0; add one"),
-    "no point": ({"point": []}, r"point: expected at least 1"),
     "no name": ({"name": ""}, r"name: expected"),
     "view is no array": ({"view": {"name": "left"}}, r"view: expected a list of values or \[\[view\]\] tables"),
     "site is an array": ({"site": [{}]}, r"site: expected one table \[site\]"),
