@@ -31,6 +31,8 @@ _GRID = 20, 12
 _ROWS = 3
 """Parts of the height of the picture; in each of them, one place of two columns for each wanted point is looked for on
 the face."""
+_LOOKS, _ENOUGH = 2, 2
+"""Times that places are looked for on the face, and how many for each wanted point are enough at once."""
 _EACH_PART = 3
 """Places on the face that are tried for each wanted point, in parts of the span."""
 _STATIC_GRID = 4, 3
@@ -129,16 +131,13 @@ def find_candidates(
     near_face, near_off = _told_by_matches(pixels, face, rig, matches, luma.shape[1])
     moves = _find_moving(measurement, pixels)
     cells = _cells(pixels, luma, (2 * wanted[0], _ROWS))
-    rows = _best_of_each(cells, np.asarray(2.0 * ~moves + ~near_face), texture, 1)
-    on = locate_candidates(face.session, frames, rig, pixels[rows], static=False, matches=matches)
-    behind = face.off_face(on.points3d)
-    good = _is_placed(on, rig) & (np.abs(behind) <= _FAR_STD * face.std_m)
-    parts = _parts_of_span(face.along_axes(on.points3d)[:, 2], good, wanted[0])
-    first = np.flatnonzero(good)[_best_of_each(parts, np.zeros(parts.size), texture[rows][good], _EACH_PART)]
-    located = on.chosen(first)
+    order = np.asarray(2 * ~moves + ~near_face)
+    found, rows = _look_on_face(measurement, face, _Places(pixels, texture, cells, order), matches, wanted[0])
+    parts = _parts_of_span(face.along_axes(found.points3d)[:, 2], wanted[0])
+    located = found.chosen(_best_of_each(parts, order[rows] // 2, texture[rows], _EACH_PART))
     if wanted[1]:
-        others = np.setdiff1d(np.arange(len(pixels)), rows[good])
-        order = np.asarray(2.0 * moves[others] + ~near_off[others])
+        others = np.setdiff1d(np.arange(len(pixels)), rows)
+        order = np.asarray(2 * moves[others] + ~near_off[others])
         cells = _cells(pixels[others], luma, _STATIC_GRID)
         some = others[_best_of_each(cells, order, texture[others], _EACH_CELL)]
         off = locate_candidates(face.session, frames, rig, pixels[some], static=True, matches=matches)
@@ -163,6 +162,37 @@ def _find_moving(measurement: Measurement, pixels: FloatArray) -> BoolArray:
     return judge_motion([looked], np.ones(len(pixels), dtype=np.bool_)).with_structure
 
 
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Textured places of the reference view: pixels (N, 2), and texture, cell and order of looking, shape (N,) each."""
+
+    pixels: FloatArray
+    texture: FloatArray
+    cell: IntArray
+    order: IntArray
+
+
+def _look_on_face(
+    measurement: Measurement, face: KnownFace, places: _Places, matches: Sequence[Matches], wanted: int
+) -> tuple[Located, IntArray]:
+    """Places that the other views show on the face, and their rows; the second best of cells where these are few."""
+    left = np.arange(len(places.pixels))
+    found, kept = Located.none(len(measurement.frames)), np.empty(0, dtype=np.intp)
+    for _ in range(_LOOKS):
+        rows = left[_best_of_each(places.cell[left], places.order[left], places.texture[left], 1)]
+        on = locate_candidates(
+            face.session, measurement.frames, face.rig, places.pixels[rows], static=False, matches=matches
+        )
+        good = _is_placed(on, face.rig) & (np.abs(face.off_face(on.points3d)) <= _FAR_STD * face.std_m)
+        found, kept = found.joined(on.chosen(np.flatnonzero(good))), np.concatenate([kept, rows[good]])
+        left = np.setdiff1d(left, rows)
+        # Where something moves, only what moves may be the structure.
+        moving = places.order[kept] < 2 if (places.order < 2).any() else np.ones(kept.size, dtype=np.bool_)
+        if np.count_nonzero(moving) >= _ENOUGH * wanted:
+            break
+    return found, kept
+
+
 def _told_by_matches(
     pixels: FloatArray, face: KnownFace, rig: Rig, matches: Sequence[Matches], width: int
 ) -> tuple[BoolArray, BoolArray]:
@@ -173,7 +203,7 @@ def _told_by_matches(
     return (near & ~apart).any(axis=1), (near & apart).any(axis=1)
 
 
-def _best_of_each(group: IntArray, order: FloatArray, texture: FloatArray, most: int) -> IntArray:
+def _best_of_each(group: IntArray, order: IntArray, texture: FloatArray, most: int) -> IntArray:
     """Indices of the best few of each group: of the lowest order, then with the most texture."""
     ranked = np.lexsort((-texture, order))
     kept = [row for one in np.unique(group) for row in ranked[group[ranked] == one][:most]]
@@ -188,12 +218,11 @@ def _is_placed(located: Located, rig: Rig) -> BoolArray:
     return np.asarray(sure & in_front_of_all(located.points3d, rig, seen=seen))
 
 
-def _parts_of_span(along: FloatArray, good: BoolArray, count: int) -> IntArray:
-    """Which of equal parts of the span each good candidate lies in, shape (good,)."""
-    places = along[good]
-    if not places.size:
+def _parts_of_span(along: FloatArray, count: int) -> IntArray:
+    """Which of equal parts of the span each place lies in, shape (N,)."""
+    if not along.size:
         return np.empty(0, dtype=np.intp)
-    share = (places - places.min()) / max(float(np.ptp(places)), 1e-9)
+    share = (along - along.min()) / max(float(np.ptp(along)), 1e-9)
     return np.asarray(np.minimum((share * count).astype(np.intp), count - 1))
 
 

@@ -123,6 +123,12 @@ class Located:
     points3d: FloatArray
     status: tuple[str, ...]
 
+    @classmethod
+    def none(cls, views: int) -> "Located":
+        """No candidates of this many views."""
+        nowhere = np.empty((views, 0, 2))
+        return cls(nowhere, nowhere, np.empty((0, 3)), ())
+
     @property
     def largest_std_px(self) -> FloatArray:
         """The largest standard deviation over views and axes, shape (N,) [px]."""
@@ -166,8 +172,7 @@ def locate_candidates(
         for number, (u, v) in enumerate(pixels)
     )
     if not named:
-        nowhere = np.empty((len(frames), 0, 2))
-        return Located(nowhere, nowhere, np.empty((0, 3)), ())
+        return Located.none(len(frames))
     found = PointFinder(session.model_copy(update={"point": named}), frames).find(rig, matches)
     position, std = (found[name].transpose("view", "point", "pixel").values for name in ("position", "position_std"))
     states = found["status"].transpose("point", "view").values[:, 1:]

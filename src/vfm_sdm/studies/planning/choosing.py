@@ -123,7 +123,7 @@ def choose_spread_along(along: FloatArray, cost: FloatArray, usable: BoolArray, 
     usable
         Which may be taken, shape (P,).
     count
-        Number wanted; fewer where fewer are usable.
+        Number wanted; fewer where fewer are usable, or only close to others: two are half a part apart at least.
 
     Returns
     -------
@@ -136,18 +136,25 @@ def choose_spread_along(along: FloatArray, cost: FloatArray, usable: BoolArray, 
     >>> choose_spread_along(along, cost, np.ones(5, dtype=bool), 2)
     [1, 3]
     >>> choose_spread_along(along, cost, np.ones(5, dtype=bool), 4)
-    [1, 2, 3, 4]
+    [1, 2, 3]
     """
     rows = np.flatnonzero(usable & np.isfinite(along) & np.isfinite(cost))
     if not rows.size or count < 1:
         return []
-    start, end = along[rows].min(), along[rows].max()
-    part = np.minimum(((along[rows] - start) / max(end - start, 1e-9) * count).astype(int), count - 1)
-    chosen = [int(rows[part == one][np.argmin(cost[rows[part == one]])]) for one in np.unique(part)]
-    while len(chosen) < min(count, rows.size):
-        left = np.setdiff1d(rows, chosen)
-        apart = np.abs(along[left][:, None] - along[chosen]).min(axis=1)
-        chosen.append(int(left[np.argmax(apart)]))
+    start, length = along[rows].min(), max(float(np.ptp(along[rows])), 1e-9) / count
+    part = np.minimum(((along[rows] - start) / length).astype(int), count - 1)
+    chosen: list[int] = []
+
+    def apart() -> FloatArray:
+        """How far each lies from those taken [m]."""
+        return np.asarray(np.abs(along[rows][:, None] - along[chosen]).min(axis=1, initial=np.inf))
+
+    for one in range(count):
+        free = np.flatnonzero((part == one) & (apart() >= length / 2))
+        if free.size:
+            chosen.append(int(rows[free[np.argmin(cost[rows[free]])]]))
+    while len(chosen) < count and (distance := apart()).max() >= length / 2:
+        chosen.append(int(rows[np.argmax(distance)]))
     return sorted(chosen, key=lambda row: float(along[row]))
 
 
