@@ -46,6 +46,8 @@ _FAR_STD = 3.0
 """Standard deviations of what lies on the face, from which on something does not."""
 _UNSEEN = SubsetChoice(None, np.full(2, np.nan), np.full(2, np.nan), 0.0, PointStatus.NOT_FOUND, np.full(2, np.nan))
 """Of a candidate in a view that does not show it."""
+_PARTS_APART = 0.1
+"""Largest spread of the gains of a subset's parts [1]: twice what the audit warns of, because trials are short."""
 _FOLLOWED = 0.8
 """Least share of trial frames with status ok: in the others something passes before it."""
 
@@ -88,6 +90,11 @@ class Candidates:
             fine &= np.array(whole)
         return np.asarray((fine | ~seen).all(axis=0) & (seen.sum(axis=0) >= 2))
 
+    @property
+    def whole(self) -> BoolArray:
+        """Which subsets move as one in every view, shape (P,): no rail before a wall, no leaves before a girder."""
+        return np.asarray(np.max([one.parts_apart for one in self.tried], axis=0) <= _PARTS_APART)
+
     def subset_px(self, row: int) -> int:
         """Side of the subset of a candidate, the largest over views [px]; 0 where none is designed."""
         designs = [of_view[row].design for of_view in (self.choices or {}).values()]
@@ -95,7 +102,9 @@ class Candidates:
 
     def std_mm(self, rig: Rig, rotation: FloatArray, pixels: FloatArray) -> FloatArray:
         """Standard deviation of one sample along the axes, of all candidates at pixels (V, P, 2), shape (P, 3) [mm]."""
-        covariance = np.stack([np.nan_to_num(one.covariance) for one in self.tried])[:, None]
+        # All that a point shows that must not move is error.
+        slow = np.where(self.motion.still, self.motion.moved_px, 0.0)[:, None, None] ** 2 / 2 * np.eye(2)
+        covariance = np.stack([np.nan_to_num(one.covariance) + slow for one in self.tried])[:, None]
         spread = compute_position_covariance(triangulation_jacobian(pixels, rig), covariance)[0]
         return np.asarray(1e3 * np.sqrt(np.einsum("ai,pij,aj->pa", rotation, spread, rotation)))
 

@@ -190,7 +190,7 @@ def _choose(
 ) -> tuple[list[int], list[int]]:
     """Indices of points of the structure, in their order along the span, and of static ones."""
     motion = found.motion
-    structure = usable & found.on_face
+    structure = usable & found.on_face & found.whole
     still = usable & motion.still
     if motion.tells:
         structure &= motion.with_structure
@@ -198,7 +198,7 @@ def _choose(
         still &= ~found.on_face
     # Lateral and vertical motion is what is measured; along the structure it hardly moves.
     rows = choose_spread_along(found.along_m, np.linalg.norm(expanded_mm[:, :2], axis=1), structure, wanted[0])
-    worst_px = np.max([one.std_px() for one in found.tried], axis=0)
+    worst_px = np.hypot(np.max([one.std_px() for one in found.tried], axis=0), motion.moved_px)
     return rows, choose_spread_out(found.located.pixels[0], worst_px, still, wanted[1])
 
 

@@ -38,12 +38,15 @@ class Tried:
         Whether the row of frames was long enough to show scatter, that is, the errors of a codec, too.
     moved
         Positions less their median over time, shape (T, P, 2) [px]; NaN where a point was not followed.
+    parts_apart
+        Spread of the gains of the parts of each subset, shape (P,) [1]; 0 where none was seen.
     """
 
     followed: FloatArray
     covariance: FloatArray
     scattered: bool
     moved: FloatArray
+    parts_apart: FloatArray
 
     def std_px(self) -> FloatArray:
         """Standard deviation of one frame in the worst direction, shape (P,) [px]; infinite where not followed."""
@@ -86,7 +89,7 @@ def try_candidates(
         known &= np.array([one.design is not None for one in choices], dtype=np.bool_)
     if not known.any():
         nothing = np.full((count, 2, 2), np.nan)
-        return Tried(np.zeros(count), nothing, False, np.full((1, count, 2), np.nan))
+        return Tried(np.zeros(count), nothing, False, np.full((1, count, 2), np.nan), np.zeros(count))
     names = [str(number) for number in np.flatnonzero(known)]
     excerpt = Video(_Excerpt(video, in_a_row))
     if choices is not None and isinstance(tracker, DesignedTracker):
@@ -110,7 +113,10 @@ def _describe(tracks: xr.Dataset, known: BoolArray, in_a_row: int) -> Tried:
     followed[known], typical[known] = good.mean(axis=0), _median(covariance)
     all_moved = np.full((len(moved), len(known), 2), np.nan)
     all_moved[:, known] = moved - _median(moved)
-    return Tried(followed, typical, bool(np.isfinite(burst["scatter"].values).any()), all_moved)
+    apart = np.zeros(len(known))
+    if "part_gain_std" in tracks:
+        apart[known] = np.nan_to_num(tracks["part_gain_std"].values).max(axis=1)
+    return Tried(followed, typical, bool(np.isfinite(burst["scatter"].values).any()), all_moved, apart)
 
 
 def _median(values: FloatArray) -> FloatArray:

@@ -75,7 +75,7 @@ def tried(motion, noise_px=NOISE_PX, seed=0):
     moved = motion + np.random.default_rng(seed).normal(0, noise_px, motion.shape)
     moved = moved - np.median(moved, axis=0)
     count = motion.shape[1]
-    return Tried(np.ones(count), np.tile(noise_px**2 * np.eye(2), (count, 1, 1)), True, moved)
+    return Tried(np.ones(count), np.tile(noise_px**2 * np.eye(2), (count, 1, 1)), True, moved, np.zeros(count))
 
 
 def vertical(*amplitudes):
