@@ -22,7 +22,7 @@ from vfm_sdm.stages.tracking.subset_design import SubsetChoice, design_subsets
 from vfm_sdm.studies.planning.candidates import Located, find_textured, locate_candidates
 from vfm_sdm.studies.planning.choosing import Motion, judge_motion
 from vfm_sdm.studies.planning.face_of_matches import KnownFace, place_matches
-from vfm_sdm.studies.planning.trial_tracks import Tried, try_candidates
+from vfm_sdm.studies.planning.trial_tracks import FrameRow, Tried, choose_row, try_candidates
 
 __all__ = ["PLACED_PX", "Candidates", "find_candidates"]
 
@@ -48,6 +48,8 @@ _UNSEEN = SubsetChoice(None, np.full(2, np.nan), np.full(2, np.nan), 0.0, PointS
 """Of a candidate in a view that does not show it."""
 _PARTS_APART = 0.1
 """Largest spread of the gains of a subset's parts [1]: twice what the audit warns of, because trials are short."""
+_BELIEVED = 0.5
+"""Least share of a square that moves with its middle: of less it is as likely that the point is what stands out."""
 _FOLLOWED = 0.8
 """Least share of trial frames with status ok: in the others something passes before it."""
 
@@ -93,7 +95,10 @@ class Candidates:
     @property
     def whole(self) -> BoolArray:
         """Which subsets move as one in every view, shape (P,): no rail before a wall, no leaves before a girder."""
-        return np.asarray(np.max([one.parts_apart for one in self.tried], axis=0) <= _PARTS_APART)
+        fine = np.max([one.parts_apart for one in self.tried], axis=0) <= _PARTS_APART
+        for of_view in (self.choices or {}).values():
+            fine &= [one.design is None or one.believed >= _BELIEVED for one in of_view]
+        return np.asarray(fine)
 
     def subset_px(self, row: int) -> int:
         """Side of the subset of a candidate, the largest over views [px]; 0 where none is designed."""
@@ -138,7 +143,8 @@ def find_candidates(
     plain = ~lie_on_repeats(pixels, detect_features(luma))
     pixels, texture = pixels[plain], texture[plain]
     near_face, near_off = _told_by_matches(pixels, face, rig, matches, luma.shape[1])
-    moves = _find_moving(measurement, pixels)
+    looked = _look(measurement, pixels)
+    moves = judge_motion([looked], np.ones(len(pixels), dtype=np.bool_)).with_structure
     cells = _cells(pixels, luma, (2 * wanted[0], _ROWS))
     order = np.asarray(2 * ~moves + ~near_face)
     found, rows = _look_on_face(measurement, face, _Places(pixels, texture, cells, order), matches, wanted[0])
@@ -153,7 +159,8 @@ def find_candidates(
         located = located.joined(off.chosen(np.flatnonzero(_is_placed(off, rig))))
     behind = face.off_face(located.points3d)
     on_face = np.asarray(np.abs(behind) <= _FAR_STD * face.std_m)
-    choices, tried = _try_all(measurement, located)
+    video = measurement.recordings[measurement.session.reference_view.name]
+    choices, tried = _try_all(measurement, located, choose_row(video, looked, moves))
     along = face.along_axes(located.points3d)[:, 2]
     return Candidates(located, on_face, along, behind, choices, tried, judge_motion(tried, on_face))
 
@@ -164,11 +171,10 @@ def _cells(pixels: FloatArray, luma: LumaArray, grid: tuple[int, int]) -> IntArr
     return np.asarray(place @ [1, grid[0]])
 
 
-def _find_moving(measurement: Measurement, pixels: FloatArray) -> BoolArray:
-    """Which places (N, 2) of the reference view move, by a quick look that only sets an order, shape (N,)."""
+def _look(measurement: Measurement, pixels: FloatArray) -> Tried:
+    """A quick look at what moves of places (N, 2) of the reference view; it sets orders and frames, and no more."""
     video = measurement.recordings[measurement.session.reference_view.name]
-    looked = try_candidates(video, pixels, measurement.part("trackers"), in_a_row=1)
-    return judge_motion([looked], np.ones(len(pixels), dtype=np.bool_)).with_structure
+    return try_candidates(video, pixels, measurement.part("trackers"), row=FrameRow(count=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +241,9 @@ def _parts_of_span(along: FloatArray, count: int) -> IntArray:
     return np.asarray(np.minimum((share * count).astype(np.intp), count - 1))
 
 
-def _try_all(measurement: Measurement, located: Located) -> tuple[dict[str, list[SubsetChoice]] | None, list[Tried]]:
+def _try_all(
+    measurement: Measurement, located: Located, row: FrameRow
+) -> tuple[dict[str, list[SubsetChoice]] | None, list[Tried]]:
     """Subsets of all candidates by view, and their trial tracks."""
     tracker, size = measurement.part("trackers"), measurement.session.method.subset_px
     choices: dict[str, list[SubsetChoice]] | None = {} if isinstance(tracker, DesignedTracker) else None
@@ -247,7 +255,7 @@ def _try_all(measurement: Measurement, located: Located) -> tuple[dict[str, list
             names = [str(row) for row in seen]
             made = dict(zip(seen.tolist(), design_subsets(video, pixels[seen], names, subset_px=size), strict=True))
             of_view = choices[view] = [made.get(row, _UNSEEN) for row in range(len(pixels))]
-        tried.append(try_candidates(video, pixels, tracker, of_view))
+        tried.append(try_candidates(video, pixels, tracker, of_view, row=row))
     return choices, tried
 
 

@@ -16,12 +16,30 @@ from vfm_sdm.stages.tracking.lone_errors import include_lone_errors
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 
-__all__ = ["IN_A_ROW", "Tried", "try_candidates"]
+__all__ = ["FrameRow", "Tried", "choose_row", "try_candidates"]
 
-IN_A_ROW = 96
+_IN_A_ROW = 96
 """Frames in a row that are tracked: the filter for noise near the Nyquist frequency needs 82 of them."""
+_MOST_PIXELS = 1_500_000_000
+"""Pixels that may be decoded to reach the row: some seconds, as `Video.spread` allows itself."""
 _SPREAD = 20
 """Frames beside them, spread over the recording: as many as subsets are designed from."""
+
+
+@dataclass(frozen=True)
+class FrameRow:
+    """Frames in a row that are tracked beside the first one and those spread over the recording.
+
+    Parameters
+    ----------
+    start
+        Number of the first of them.
+    count
+        How many; 1 for a quick look at what moves.
+    """
+
+    start: int = 0
+    count: int = _IN_A_ROW
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +58,8 @@ class Tried:
         Positions less their median over time, shape (T, P, 2) [px]; NaN where a point was not followed.
     parts_apart
         Spread of the gains of the parts of each subset, shape (P,) [1]; 0 where none was seen.
+    time_s
+        Times of the frames, shape (T,) [s].
     """
 
     followed: FloatArray
@@ -47,6 +67,7 @@ class Tried:
     scattered: bool
     moved: FloatArray
     parts_apart: FloatArray
+    time_s: FloatArray
 
     def std_px(self) -> FloatArray:
         """Standard deviation of one frame in the worst direction, shape (P,) [px]; infinite where not followed."""
@@ -61,9 +82,9 @@ def try_candidates(
     tracker: Tracker,
     choices: Sequence[SubsetChoice] | None = None,
     *,
-    in_a_row: int = IN_A_ROW,
+    row: FrameRow | None = None,
 ) -> Tried:
-    """Tracks of candidates over the first frames and some spread over the rest.
+    """Tracks of candidates over a row of frames and some spread over the rest.
 
     Parameters
     ----------
@@ -75,8 +96,8 @@ def try_candidates(
         The session's tracker.
     choices
         What the subset of each compares, length P; ``None`` for whole squares.
-    in_a_row
-        First frames that are tracked beside those spread over the recording; 1 for a quick look at what moves.
+    row
+        Frames in a row; the first ones by default.
 
     Notes
     -----
@@ -89,25 +110,52 @@ def try_candidates(
         known &= np.array([one.design is not None for one in choices], dtype=np.bool_)
     if not known.any():
         nothing = np.full((count, 2, 2), np.nan)
-        return Tried(np.zeros(count), nothing, False, np.full((1, count, 2), np.nan), np.zeros(count))
+        never = np.full((1, count, 2), np.nan)
+        return Tried(np.zeros(count), nothing, False, never, np.zeros(count), np.zeros(1))
     names = [str(number) for number in np.flatnonzero(known)]
-    excerpt = Video(_Excerpt(video, in_a_row))
+    row = row or FrameRow()
+    excerpt = Video(_Excerpt(video, row))
     if choices is not None and isinstance(tracker, DesignedTracker):
         designs = [one.design for one, there in zip(choices, known, strict=True) if there]
         tracks = tracker.track(excerpt, pixels[known], names=names, designs=designs)
     else:
         tracks = tracker.track(excerpt, pixels[known], names=names)
-    return _describe(tracks, known, in_a_row)
+    return _describe(tracks, known, row)
 
 
-def _describe(tracks: xr.Dataset, known: BoolArray, in_a_row: int) -> Tried:
+def choose_row(video: Video, looked: Tried, moving: BoolArray) -> FrameRow:
+    """The row of frames in which a quick look saw the most motion: a codec's errors grow with it.
+
+    Parameters
+    ----------
+    video
+        The view.
+    looked
+        Trial tracks of a quick look at it.
+    moving
+        Which of its places move, shape (P,); the first frames are taken where none does.
+    """
+    known, fps = video.info.frame_count, video.info.fps
+    if known is None or not np.isfinite(fps) or not moving.any():
+        return FrameRow()
+    last = min(known, max(_MOST_PIXELS // (video.info.width * video.info.height), _IN_A_ROW)) - _IN_A_ROW
+    square = np.nanmean(np.sum(np.nan_to_num(looked.moved[:, moving]) ** 2, axis=2), axis=1)
+    starts = np.arange(0, max(last, 0) + 1, _IN_A_ROW // 8)
+    numbers = looked.time_s * fps
+    inside = (numbers >= starts[:, None]) & (numbers <= starts[:, None] + _IN_A_ROW)
+    mean = np.sum(inside * square, axis=1) / np.maximum(inside.sum(axis=1), 1)
+    return FrameRow(int(starts[np.argmax(mean)]))
+
+
+def _describe(tracks: xr.Dataset, known: BoolArray, row: FrameRow) -> Tried:
     """The tracks of the known ones among all candidates."""
-    row = min(in_a_row, tracks.sizes["time"]) if in_a_row > 1 else tracks.sizes["time"]
-    burst = include_lone_errors(include_track_noise(tracks.isel(time=slice(0, row))))
+    first = min(row.start, 1)
+    last = first + row.count if row.count > 1 else tracks.sizes["time"]
+    burst = include_lone_errors(include_track_noise(tracks.isel(time=slice(first, last))))
     good = tracks["status"].values == Status.OK
     covariance = burst["position_covariance"].values.copy()
     # In the reference frame the position is given.
-    covariance[~good[:row] | (covariance == 0).all(axis=(2, 3))] = np.nan
+    covariance[~good[first:last] | (covariance == 0).all(axis=(2, 3))] = np.nan
     moved = np.where(good[..., None], tracks["position"].values, np.nan)
     followed, typical = np.zeros(len(known)), np.full((len(known), 2, 2), np.nan)
     followed[known], typical[known] = good.mean(axis=0), _median(covariance)
@@ -116,7 +164,9 @@ def _describe(tracks: xr.Dataset, known: BoolArray, in_a_row: int) -> Tried:
     apart = np.zeros(len(known))
     if "part_gain_std" in tracks:
         apart[known] = np.nan_to_num(tracks["part_gain_std"].values).max(axis=1)
-    return Tried(followed, typical, bool(np.isfinite(burst["scatter"].values).any()), all_moved, apart)
+    return Tried(
+        followed, typical, bool(np.isfinite(burst["scatter"].values).any()), all_moved, apart, tracks["time"].values
+    )
 
 
 def _median(values: FloatArray) -> FloatArray:
@@ -126,10 +176,10 @@ def _median(values: FloatArray) -> FloatArray:
 
 
 class _Excerpt:
-    """Source of the first frames of a view, and of some spread over the rest of it, in order."""
+    """Source of the first frame of a view, a row of frames, and some spread over what comes after, in order."""
 
-    def __init__(self, video: Video, in_a_row: int) -> None:
-        self._video, self._in_a_row = video, in_a_row
+    def __init__(self, video: Video, row: FrameRow) -> None:
+        self._video, self._row = video, row
 
     @property
     def info(self) -> VideoInfo:
@@ -139,7 +189,7 @@ class _Excerpt:
     def stream(self) -> Generator[Frame]:
         """A fresh pass over them, numbered from 0."""
         number, last_s = 0, -np.inf
-        with closing(self._first()) as frames:
+        with closing(self._in_a_row()) as frames:
             for frame in frames:
                 yield replace(frame, index=number)
                 number, last_s = number + 1, frame.time_s
@@ -148,5 +198,7 @@ class _Excerpt:
                 yield replace(frame, index=number)
                 number, last_s = number + 1, frame.time_s
 
-    def _first(self) -> Generator[Frame]:
-        yield from self._video.frames(stop=self._in_a_row)
+    def _in_a_row(self) -> Generator[Frame]:
+        for frame in self._video.frames(stop=self._row.start + self._row.count):
+            if frame.index == 0 or frame.index >= self._row.start:
+                yield frame

@@ -19,7 +19,7 @@ from vfm_sdm.studies.planning.candidates import find_textured
 from vfm_sdm.studies.planning.choosing import choose_spread_along, choose_spread_out, judge_motion
 from vfm_sdm.studies.planning.face_of_matches import know_face_of_session
 from vfm_sdm.studies.planning.suggestion import suggest_points
-from vfm_sdm.studies.planning.trial_tracks import Tried, try_candidates
+from vfm_sdm.studies.planning.trial_tracks import FrameRow, Tried, choose_row, try_candidates
 
 SIZE = (640, 480)
 NOISE_PX = 0.01
@@ -75,7 +75,14 @@ def tried(motion, noise_px=NOISE_PX, seed=0):
     moved = motion + np.random.default_rng(seed).normal(0, noise_px, motion.shape)
     moved = moved - np.median(moved, axis=0)
     count = motion.shape[1]
-    return Tried(np.ones(count), np.tile(noise_px**2 * np.eye(2), (count, 1, 1)), True, moved, np.zeros(count))
+    return Tried(
+        np.ones(count),
+        np.tile(noise_px**2 * np.eye(2), (count, 1, 1)),
+        True,
+        moved,
+        np.zeros(count),
+        np.arange(len(moved)) / 30,
+    )
 
 
 def vertical(*amplitudes):
@@ -129,9 +136,22 @@ def test_trial_tracks_state_noise_and_motion(tmp_path):
     scatter = found.moved[1:, 1].std(axis=0)
     assert found.std_px()[1] == pytest.approx(scatter.max(), rel=0.5)
     assert np.isinf(found.std_px()[2])
-    quick = try_candidates(video, pixels, IcgnTracker(threads=1), in_a_row=1)
+    quick = try_candidates(video, pixels, IcgnTracker(threads=1), row=FrameRow(count=1))
     assert 15 <= len(quick.moved) <= 22
     assert not quick.scattered
+    late = try_candidates(video, pixels, IcgnTracker(threads=1), row=FrameRow(start=20, count=90))
+    assert late.time_s[:2] == pytest.approx([0, 20 / 30])
+    assert late.scattered
+
+
+def test_the_row_is_where_the_motion_is(tmp_path):
+    write_pictures(tmp_path / "left", [np.full((20, 20), 90.0)] * 300)
+    video = open_images(str(tmp_path / "left" / "*.png"), fps=30)
+    times = np.linspace(0, 299 / 30, 21)
+    moved = np.where((times > 4)[:, None, None], 1.0, 0.0) * np.ones((21, 2, 2))
+    looked = Tried(np.ones(2), np.zeros((2, 2, 2)), False, moved, np.zeros(2), times)
+    assert 110 < choose_row(video, looked, np.array([True, False])).start <= 204
+    assert choose_row(video, looked, np.zeros(2, dtype=bool)).start == 0
 
 
 # The face.
