@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,17 @@ COLUMN = re.compile(r"(?<=\S)(?:  +|: +)(?=\S)")
 def test_every_script_is_here():
     scripts = {path.stem for path in (ROOT / "benchmarks").glob("*.py")}
     assert scripts == {*SMALLEST, *ELSEWHERE}
+
+
+@pytest.mark.parametrize("name", sorted(SMALLEST))
+def test_a_script_says_how_to_use_it(name, monkeypatch, capsys):
+    script = ROOT / "benchmarks" / f"{name}.py"
+    monkeypatch.setattr(sys, "path", [str(script.parent), *sys.path])
+    monkeypatch.setattr(sys, "argv", [str(script), "--help"])
+    with pytest.raises(SystemExit) as left:
+        runpy.run_path(str(script), run_name="__main__")
+    assert left.value.code == 0
+    assert "usage" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

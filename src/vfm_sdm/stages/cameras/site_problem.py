@@ -12,7 +12,7 @@ from vfm_sdm.stages.cameras.culprits import Claim
 from vfm_sdm.stages.cameras.edge_axes import find_edge_axes
 from vfm_sdm.stages.cameras.edge_groups import group_edges
 from vfm_sdm.stages.cameras.match_cells import MatchNoise
-from vfm_sdm.stages.cameras.site_axes import AXES, AxesParameters, AxesValues
+from vfm_sdm.stages.cameras.site_axes import AXES, OFF_FACE, AxesParameters, AxesValues
 from vfm_sdm.stages.cameras.site_cameras import list_distances, list_focal_claims, list_intrinsics
 from vfm_sdm.stages.cameras.site_face import FacePlace, FaceRelief
 from vfm_sdm.stages.cameras.site_lines import EdgeResiduals
@@ -242,6 +242,21 @@ class SiteProblem:
         for number, one in enumerate(measured, start=first):
             found.append(Claim(one.name, one.units, one.prior, one.prior_std, eye[:, [number]]))
         found += [self._claim_of_point(name, eye, first + len(measured)) for name in self._points.names]
+        return found
+
+    def sources(self) -> dict[str, list[int]]:
+        """Numbers of all residuals by what they are of: every statement and kind of observation."""
+        start = np.zeros(self.size)
+        pixels = (self._compute_pair_residuals(start), self._compute_shared_residuals(start))
+        names = ["matches"] * sum(map(len, pixels))
+        names += [OFF_FACE] * len(self._compute_surface_residuals(start))
+        names += ["edges"] * len(self._compute_edge_residuals(start))
+        names += [one.name for one in list_measured(self._state(start), self._site, self._readings)]
+        names += [OFF_FACE] * len(self._face.names)
+        found = self._lenses_and_poses.sources()
+        named = [*self._axes.sources, *["places of the points"] * self._points.size, *names]
+        for index, name in enumerate(named, start=self._rig_size):
+            found.setdefault(name, []).append(index)
         return found
 
     def _claim_of_point(self, name: str, eye: FloatArray, first: int) -> Claim:

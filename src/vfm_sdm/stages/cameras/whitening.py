@@ -15,6 +15,9 @@ ROBUST_STD = 3.0
 OUTLIER = 1e3
 """Residual of what has no value [standard deviations]."""
 _RIGS_KEPT = 64
+_LENS = "principal point and distortion"
+_SOURCES = {"log_focal": "focal", "cx": _LENS, "cy": _LENS, "k1": _LENS}
+"""What a parameter of the rig belongs to; the others are the pose's."""
 _FOCAL_REACH = 3.0
 """Largest change of a logarithm of a focal length that distortion follows: a factor of twenty is only a trial step."""
 
@@ -56,6 +59,16 @@ class RigParameters:
                 self._rigs.clear()
             self._rigs[key] = self._start.perturbed(self._step_to(inner))
         return self._rigs[key]
+
+    def sources(self) -> dict[str, list[int]]:
+        """Whitened parameters by what was stated of them: the lens of each view, and its pose where it has a prior."""
+        covariance, count = np.asarray(self._start.covariance), len(CAMERA_PARAMETERS)
+        free = np.flatnonzero(np.diag(covariance) > 0)
+        found: dict[str, list[int]] = {}
+        for index, parameter in enumerate(free):
+            view, kind = self._start.names[parameter // count], CAMERA_PARAMETERS[parameter % count]
+            found.setdefault(f"{_SOURCES.get(kind, 'pose')} {view}", []).append(index)
+        return found
 
     def _step_to(self, inner: FloatArray) -> FloatArray:
         """Change of the rig's parameters, shape (10 V,); that of the distortion keeps its pixels.
