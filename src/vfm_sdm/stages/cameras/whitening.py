@@ -1,6 +1,7 @@
 """Whitened parameters and robust residuals of the site adjustment, and their derivatives."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -8,12 +9,23 @@ from scipy.linalg import cholesky
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 
-__all__ = ["OUTLIER", "ROBUST_STD", "RigParameters", "bend", "differentiate", "differentiate_centrally", "factor_prior"]
+__all__ = [
+    "OUTLIER",
+    "ROBUST_STD",
+    "STEP",
+    "RigParameters",
+    "bend",
+    "differentiate",
+    "differentiate_centrally",
+    "factor_prior",
+]
 
 ROBUST_STD = 3.0
 """Residual over its standard deviation from which the loss grows linearly [1]."""
 OUTLIER = 1e3
 """Residual of what has no value [standard deviations]."""
+STEP = 1e-8
+"""Of a derivative by forward differences [1]."""
 _RIGS_KEPT = 64
 _LENS = "principal point and distortion"
 _SOURCES = {"log_focal": "focal", "cx": _LENS, "cy": _LENS, "k1": _LENS}
@@ -41,6 +53,9 @@ class RigParameters:
     def __init__(self, start: Rig) -> None:
         self._start = start
         self._rigs: dict[bytes, Rig] = {}
+        # Most steps of a derivative move one camera alone.
+        self._cameras = list(start.cameras)
+        self._steps = np.zeros((len(start), len(CAMERA_PARAMETERS)))
         self.factor = factor_prior(np.asarray(start.covariance))
         self.size = self.factor.shape[1]
 
@@ -57,7 +72,11 @@ class RigParameters:
         if key not in self._rigs:
             if len(self._rigs) >= _RIGS_KEPT:
                 self._rigs.clear()
-            self._rigs[key] = self._start.perturbed(self._step_to(inner))
+            for view, step in enumerate(self._step_to(inner).reshape(self._steps.shape)):
+                if not np.array_equal(step, self._steps[view]):
+                    self._cameras[view] = self._start.cameras[view].perturbed(step)
+                    self._steps[view] = step
+            self._rigs[key] = replace(self._start, cameras=tuple(self._cameras))
         return self._rigs[key]
 
     def sources(self) -> dict[str, list[int]]:
@@ -111,7 +130,7 @@ def bend(scaled: FloatArray) -> FloatArray:
 
 
 def differentiate(
-    function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int, *, step: float = 1e-8
+    function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int, *, step: float = STEP
 ) -> FloatArray:
     """Derivative with respect to the first ``count`` parameters by forward differences, shape (residuals, count).
 
