@@ -16,7 +16,7 @@ SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
-    "lines": ["--draws", "1", "--readings", "level alone"],
+    "lines": ["--draws", "1", "--readings", "level alone", "--rectangles", "1"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
     "lens": ["--draws", "1", "--views", "40"],
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
