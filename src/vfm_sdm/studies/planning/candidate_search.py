@@ -46,8 +46,8 @@ _FAR_STD = 3.0
 """Standard deviations of what lies on the face, from which on something does not."""
 _UNSEEN = SubsetChoice(None, np.full(2, np.nan), np.full(2, np.nan), 0.0, PointStatus.NOT_FOUND, np.full(2, np.nan))
 """Of a candidate in a view that does not show it."""
-_PARTS_APART = 0.1
-"""Largest spread of the gains of a subset's parts [1]: twice what the audit warns of, because trials are short."""
+_PARTS_APART = 0.3
+"""Largest spread of the gains of a subset's parts [1], at which the audit fails halves; less of it counts as error."""
 _BELIEVED = 0.5
 """Least share of a square that moves with its middle: of less it is as likely that the point is what stands out."""
 _FOLLOWED = 0.8
@@ -108,10 +108,26 @@ class Candidates:
     def std_mm(self, rig: Rig, rotation: FloatArray, pixels: FloatArray) -> FloatArray:
         """Standard deviation of one sample along the axes, of all candidates at pixels (V, P, 2), shape (P, 3) [mm]."""
         # All that a point shows that must not move is error.
-        slow = np.where(self.motion.still, self.motion.moved_px, 0.0)[:, None, None] ** 2 / 2 * np.eye(2)
-        covariance = np.stack([np.nan_to_num(one.covariance) + slow for one in self.tried])[:, None]
-        spread = compute_position_covariance(triangulation_jacobian(pixels, rig), covariance)[0]
-        return np.asarray(1e3 * np.sqrt(np.einsum("ai,pij,aj->pa", rotation, spread, rotation)))
+        slow = np.where(self.motion.still, self.motion.moved_px, 0.0)
+        noise = np.stack([np.nan_to_num(one.covariance) for one in self.tried]) + _isotropic(slow)
+        return _to_mm(noise, rig, rotation, pixels)
+
+    def parts_std_mm(self, rig: Rig, rotation: FloatArray, pixels: FloatArray) -> FloatArray:
+        """Standard deviation from parts of subsets that move by different amounts, as of `std_mm`."""
+        moved = np.nan_to_num(self.motion.moved_px)
+        apart = np.stack([_isotropic(one.parts_apart * moved) for one in self.tried])
+        return _to_mm(apart, rig, rotation, pixels)
+
+
+def _isotropic(total_px: FloatArray) -> FloatArray:
+    """Covariances (P, 2, 2) [px2] alike in all directions, of root mean square lengths (P,) [px]."""
+    return np.asarray(total_px[:, None, None] ** 2 / 2 * np.eye(2))
+
+
+def _to_mm(covariance: FloatArray, rig: Rig, rotation: FloatArray, pixels: FloatArray) -> FloatArray:
+    """Standard deviations along the axes, shape (P, 3) [mm], from covariances in the pictures (V, P, 2, 2) [px2]."""
+    spread = compute_position_covariance(triangulation_jacobian(pixels, rig), covariance[:, None])[0]
+    return np.asarray(1e3 * np.sqrt(np.einsum("ai,pij,aj->pa", rotation, spread, rotation)))
 
 
 def find_candidates(

@@ -51,7 +51,7 @@ class SuggestedPoint:
         Predicted standard deviation of one sample along the lateral, vertical and longitudinal axis, shape (3,) [mm].
     expanded_mm
         Predicted expanded uncertainty (k = 2) of one sample along these axes, shape (3,) [mm]: that noise and what
-        cameras and place leave uncertain of a vertical motion as large as the trial tracks show.
+        cameras, place and subset leave uncertain of a vertical motion as large as the trial tracks show.
     subset_px
         Side of its subset, largest over views [px].
     moved_px
@@ -259,8 +259,8 @@ def _predict(
 ) -> tuple[FloatArray, FloatArray]:
     """Standard deviation and expanded uncertainty of one sample of all candidates, shape (P, 3) [mm] each.
 
-    The latter holds what cameras, and places of standard deviations (V, P, 2) [px], leave uncertain of a vertical
-    motion as large as trial tracks show.
+    The latter holds what cameras, places of standard deviations (V, P, 2) [px], and subsets whose parts move by
+    different amounts leave uncertain of a vertical motion as large as trial tracks show.
     """
     rig, rotation = solution.rig or face.rig, (solution.frame or face.frame).rotation
     std_mm = found.std_mm(rig, rotation, pixels)
@@ -272,7 +272,8 @@ def _predict(
     if solution.covariance is not None:
         gains = gains + compute_gain_covariance(compute_gain_sensitivity(pixels, rig), rotation, solution.covariance)
     scale = np.sqrt(np.maximum(gains[:, :, 1, 1], 0.0)) * amplitude_mm[:, None]
-    return std_mm, COVERAGE_FACTOR * np.hypot(std_mm, scale)
+    parts = found.parts_std_mm(rig, rotation, pixels)
+    return std_mm, COVERAGE_FACTOR * np.sqrt(std_mm**2 + scale**2 + parts**2)
 
 
 def _why(found: Candidates, row: int, *, static: bool) -> str:
