@@ -58,7 +58,8 @@ def _tabulate(found: Suggestion) -> Table:
     title = "Suggested points; std and expanded uncertainty U (k = 2) of a sample: lateral, vertical, longitudinal"
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for name in ("point", "along [m]", "std [mm]", "U [mm]", "subset", "why"):
-        table.add_column(Text(name), justify="left" if name in ("point", "why") else "right", overflow="fold")
+        words = name in ("point", "why")
+        table.add_column(Text(name), justify="left" if words else "right", overflow="fold", no_wrap=not words)
     for one in found.points:
         std, expanded = (_join(values) for values in (one.std_mm, one.expanded_mm))
         subset = str(one.subset_px) if one.subset_px else "-"
