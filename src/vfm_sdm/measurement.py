@@ -95,7 +95,9 @@ class Measurement(Chain[Session]):
 
     # What was filmed.
 
-    @product(reads=("view.name", "view.video", "view.images", "view.fps", "view.capture_fps"))
+    @product(
+        reads=("view.name", "view.video", "view.images", "view.fps", "view.capture_fps", "view.use_s", "view.start")
+    )
     def recordings(self, session: Session) -> dict[str, Video]:
         """The recordings of all views by name, open."""
         return open_views(session)
@@ -198,7 +200,7 @@ class Measurement(Chain[Session]):
 
     @product(
         reads=(
-            *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start"),
+            *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start", "view.use_s"),
             *("point.name", "point.static", "method.synchronization"),
         ),
         needs=("cameras", "steady"),

@@ -49,16 +49,56 @@ def _instant(value: object) -> object:
 _Start = Annotated[AwareDatetime, BeforeValidator(_instant)]
 
 
+def _files(value: object) -> object:
+    """One file, or the chapters of a recording in their order."""
+    many = list(value) if isinstance(value, list | tuple) else [value]
+    if value is not None and not (many and all(isinstance(one, str | Path) and str(one) for one in many)):
+        raise ValueError(f"expected a file, a pattern, or a list of files, got {value!r}; name the recording")
+    return value if value is None or not isinstance(value, list | tuple) else tuple(Path(one) for one in many)
+
+
+def _interval(value: object) -> object:
+    """From, or from and to: seconds, or dates and times."""
+    if value is None:
+        return None
+    bounds = list(value) if isinstance(value, list | tuple) else []
+    dated = [isinstance(one, str | datetime) for one in bounds]
+    numbers = [isinstance(one, int | float) and not isinstance(one, bool) for one in bounds]
+    if not 1 <= len(bounds) <= 2 or not (all(dated) or all(numbers)):
+        raise ValueError(f"expected [from] or [from, to] in seconds, or both as dates and times, got {value!r}")
+    if all(dated):
+        try:
+            bounds = [datetime.fromisoformat(one) if isinstance(one, str) else one for one in bounds]
+        except ValueError as error:
+            raise ValueError(f"expected dates and times such as 2026-11-20T10:15:30Z, got {value!r}") from error
+        if any(one.tzinfo is None for one in bounds):
+            raise ValueError(f"expected times with their offset from UTC, got {value!r}; add Z or +01:00")
+    elif bounds[0] < 0:
+        raise ValueError(f"expected seconds from the recording's first frame on, got {value!r}; begin at 0 or later")
+    if len(bounds) == 2 and not bounds[0] < bounds[1]:
+        raise ValueError(f"expected a beginning before the end, got {value!r}; swap or correct them")
+    return tuple(bounds)
+
+
+def _write_files(files: Path | tuple[Path, ...] | None) -> str | list[str] | None:
+    if files is None:
+        return None
+    return [one.as_posix() for one in files] if isinstance(files, tuple) else files.as_posix()
+
+
 class View(Readings):
     """One camera's recording: a ``video``, or ``images`` (a glob pattern) with ``fps``; and what was read at it."""
 
     name: _ViewName
-    video: _PathField | None = None
+    video: Annotated[Path | tuple[Path, ...] | None, BeforeValidator(_files), PlainSerializer(_write_files)] = None
+    """A file, a pattern of the chapters of one recording, or their list in the order in which they were recorded."""
     images: Name | None = None
     fps: Positive | None = None
     """Frames a second of an image sequence [Hz]."""
     capture_fps: Positive | None = None
     """Frames a second that the camera took, where a video is stored at another rate: slow motion, time lapse [Hz]."""
+    use_s: Annotated[tuple[float | datetime, ...] | None, BeforeValidator(_interval)] = None
+    """Interval of the recording that is measured, [from] or [from, to]: seconds from its first frame, or times."""
     lens: Lens | None = None
     camera: _PathField | None = None
     """File with the known camera, own TOML or OpenCV YAML."""
@@ -84,7 +124,27 @@ class View(Readings):
             )
         if self.images is not None and self.capture_fps is not None:
             raise ValueError("capture_fps: expected none beside images, whose fps is their rate; set fps to it")
+        if self.use_s is not None and isinstance(self.use_s[0], datetime):
+            if self.start is None:
+                raise ValueError(
+                    "use_s: expected start beside dates and times, got none; state when the first frame was taken"
+                )
+            if self.interval_s[0] < 0:
+                raise ValueError(
+                    f"use_s: expected times from start ({self.start}) on, got {self.use_s[0]}; correct them"
+                )
         return self
+
+    @property
+    def interval_s(self) -> tuple[float, float | None]:
+        """Interval that is measured, from the recording's first frame [s]; ``None`` stands for its end."""
+        bounds = [self._seconds(one) for one in self.use_s or (0.0,)]
+        return bounds[0], bounds[1] if len(bounds) > 1 else None
+
+    def _seconds(self, bound: float | datetime) -> float:
+        if not isinstance(bound, datetime):
+            return float(bound)
+        return (bound - self.start).total_seconds() if self.start is not None else 0.0
 
 
 class Point(Entry):
@@ -167,11 +227,18 @@ class Session(Entry):
         return self.view[0]
 
     def stated_offset_s(self, view: View) -> float | None:
-        """How much later a view begins than the reference view [s]; ``None`` where the session does not say."""
-        first = self.reference_view.start
+        """How much later a view begins than the reference view [s]; ``None`` where the session does not say.
+
+        Both begin with what is used of their recordings.
+        """
+        first, stated_s = self.reference_view.start, view.time_offset_s
         if view.start is not None and first is not None:
-            return (view.start - first).total_seconds()
-        return view.time_offset_s
+            stated_s = (view.start - first).total_seconds()
+        return None if stated_s is None else stated_s + self.later_use_s(view)
+
+    def later_use_s(self, view: View) -> float:
+        """How much later than in the reference view's recording the interval that is used begins [s]."""
+        return view.interval_s[0] - self.reference_view.interval_s[0]
 
     @property
     def resolved_method(self) -> Method:

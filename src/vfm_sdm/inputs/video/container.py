@@ -88,6 +88,20 @@ class ContainerSource:
         seconds, ticks = self._tick.as_integer_ratio()
         return np.asarray((self._timeline.stamps - self._first) * seconds / ticks, np.float64)
 
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The frame itself, or the last one before it that comes with at most so many decoded frames.
+
+        Parameters
+        ----------
+        number
+            Number of the frame.
+        frames
+            Largest number of frames to decode.
+        """
+        start = self._find(number)
+        key = int(np.searchsorted(self._timeline.stamps, start.key))
+        return min(number, key + max(frames, 1) - 1)
+
     @property
     def begins_s(self) -> float:
         """Stamp of the first frame in the file's own time [s]; not 0 in files that go on where another ended."""

@@ -4,6 +4,7 @@ from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
@@ -36,8 +37,8 @@ class SeekableSource(FrameSource, Protocol):
         """A pass that begins with a later frame; numbers and times are those of a whole pass."""
         ...
 
-    def jump(self, count: int, frames: int) -> Generator[Frame]:
-        """Frames near times spread evenly over the recording, after at most so many decoded ones each."""
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The frame itself, or the last one before it that comes with at most so many decoded frames."""
         ...
 
 
@@ -106,17 +107,13 @@ class IntervalSource:
                 if index >= count - 1:
                     return
 
-    def jump(self, count: int, frames: int) -> Generator[Frame]:
-        """Frames spread evenly over the interval.
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The frame itself, or the last one before it in the interval that comes with at most so many decoded ones."""
+        return max(self._source.soon_decoded(self._first + number, frames) - self._first, 0)
 
-        Parameters
-        ----------
-        count
-            Number of frames.
-        frames
-            Largest number of frames to decode for each; here the wanted one is decoded, whatever it takes.
-        """
-        return _pick(self, count)
+    def jump(self, count: int, frames: int) -> Generator[Frame]:
+        """Frames spread evenly over the interval; see `_pick`."""
+        return _pick(self, count, frames)
 
 
 class JoinedSource:
@@ -212,29 +209,38 @@ class JoinedSource:
                 except DecodeStop as damage:
                     raise DecodeStop(damage.status, f"{chapter.info.source}: {damage.detail}") from damage
 
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The frame itself, or the last one before it in its chapter that comes with at most so many decoded ones."""
+        begin = int(np.searchsorted([first for first, _ in self._starts], number, side="right")) - 1
+        first = self._starts[begin][0]
+        return first + self._sources[begin].soon_decoded(number - first, frames)
+
     def jump(self, count: int, frames: int) -> Generator[Frame]:
-        """Frames spread evenly over all chapters, as those of each chapter.
-
-        Parameters
-        ----------
-        count
-            Number of frames.
-        frames
-            Largest number of frames to decode for each.
-        """
-        share = max(count // len(self._sources), 1)
-        for chapter, (number, start_s) in zip(self._sources, self._starts, strict=True):
-            with closing(chapter.jump(share, frames)) as found:
-                for frame in found:
-                    yield _moved(frame, number, start_s)
+        """Frames spread evenly over all chapters; see `_pick`."""
+        return _pick(self, count, frames)
 
 
-def _pick(source: SeekableSource, count: int) -> Generator[Frame]:
-    """Frames spread evenly over a recording, each decoded from the key frame before it."""
+def _pick(source: SeekableSource, count: int, frames: int) -> Generator[Frame]:
+    """Frames spread evenly over a recording, near the key frames before them where these are rare.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    count
+        Number of frames.
+    frames
+        Largest number of frames to decode for each.
+    """
     total = len(source.clock())
-    for number in np.unique(np.linspace(0, total - 1, min(count + 1, total)).round().astype(int))[1:].tolist():
-        with closing(source.stream_from(number)) as frames:
-            yield from (frame for frame, _ in zip(frames, range(1), strict=False))
+    wanted = np.unique(np.linspace(0, total - 1, min(count + 1, total)).round().astype(int))[1:].tolist()
+    last = -1
+    for number in wanted:
+        nearest = source.soon_decoded(number, frames)
+        if nearest > last:
+            with closing(source.stream_from(nearest)) as found:
+                yield from islice(found, 1)
+            last = nearest
 
 
 def _moved(frame: Frame, number: int, time_s: float) -> Frame:
