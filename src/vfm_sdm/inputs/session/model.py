@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    AwareDatetime,
-    BeforeValidator,
     Field,
     PlainSerializer,
     Strict,
@@ -27,6 +25,7 @@ from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
+from vfm_sdm.inputs.session.recording_fields import Files, Instant, Interval
 from vfm_sdm.inputs.session.site import Entry, Name, Number, Pixel, Positive, Readings, Site
 
 __all__ = ["Chessboard", "Point", "Sensor", "Session", "View"]
@@ -39,65 +38,18 @@ _ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 
 
-def _instant(value: object) -> object:
-    if not isinstance(value, (str, datetime)):
-        # pydantic would take a number for seconds since 1970; it reports a ValueError with the key, a TypeError not.
-        raise ValueError(f"expected a date and time such as 2026-11-20T10:15:30.25Z, got {value!r}")  # noqa: TRY004
-    return value
-
-
-_Start = Annotated[AwareDatetime, BeforeValidator(_instant)]
-
-
-def _files(value: object) -> object:
-    """One file, or the chapters of a recording in their order."""
-    many = list(value) if isinstance(value, list | tuple) else [value]
-    if value is not None and not (many and all(isinstance(one, str | Path) and str(one) for one in many)):
-        raise ValueError(f"expected a file, a pattern, or a list of files, got {value!r}; name the recording")
-    return value if value is None or not isinstance(value, list | tuple) else tuple(Path(one) for one in many)
-
-
-def _interval(value: object) -> object:
-    """From, or from and to: seconds, or dates and times."""
-    if value is None:
-        return None
-    bounds = list(value) if isinstance(value, list | tuple) else []
-    dated = [isinstance(one, str | datetime) for one in bounds]
-    numbers = [isinstance(one, int | float) and not isinstance(one, bool) for one in bounds]
-    if not 1 <= len(bounds) <= 2 or not (all(dated) or all(numbers)):
-        raise ValueError(f"expected [from] or [from, to] in seconds, or both as dates and times, got {value!r}")
-    if all(dated):
-        try:
-            bounds = [datetime.fromisoformat(one) if isinstance(one, str) else one for one in bounds]
-        except ValueError as error:
-            raise ValueError(f"expected dates and times such as 2026-11-20T10:15:30Z, got {value!r}") from error
-        if any(one.tzinfo is None for one in bounds):
-            raise ValueError(f"expected times with their offset from UTC, got {value!r}; add Z or +01:00")
-    elif bounds[0] < 0:
-        raise ValueError(f"expected seconds from the recording's first frame on, got {value!r}; begin at 0 or later")
-    if len(bounds) == 2 and not bounds[0] < bounds[1]:
-        raise ValueError(f"expected a beginning before the end, got {value!r}; swap or correct them")
-    return tuple(bounds)
-
-
-def _write_files(files: Path | tuple[Path, ...] | None) -> str | list[str] | None:
-    if files is None:
-        return None
-    return [one.as_posix() for one in files] if isinstance(files, tuple) else files.as_posix()
-
-
 class View(Readings):
     """One camera's recording: a ``video``, or ``images`` (a glob pattern) with ``fps``; and what was read at it."""
 
     name: _ViewName
-    video: Annotated[Path | tuple[Path, ...] | None, BeforeValidator(_files), PlainSerializer(_write_files)] = None
+    video: Files = None
     """A file, a pattern of the chapters of one recording, or their list in the order in which they were recorded."""
     images: Name | None = None
     fps: Positive | None = None
     """Frames a second of an image sequence [Hz]."""
     capture_fps: Positive | None = None
     """Frames a second that the camera took, where a video is stored at another rate: slow motion, time lapse [Hz]."""
-    use_s: Annotated[tuple[float | datetime, ...] | None, BeforeValidator(_interval)] = None
+    use_s: Interval = None
     """Interval of the recording that is measured, [from] or [from, to]: seconds from its first frame, or times."""
     lens: Lens | None = None
     camera: _PathField | None = None
@@ -107,7 +59,7 @@ class View(Readings):
     motion gives it exactly (`Method.synchronization`). 0 counts as stated, nothing does not."""
     time_offset_std_s: Positive | None = None
     """Standard deviation of that [s]; it decides between peaks where the motion alone cannot."""
-    start: _Start | None = None
+    start: Instant | None = None
     """When the first frame was taken, with its offset from UTC: another way to state the time offset."""
 
     @model_validator(mode="after")
@@ -170,7 +122,7 @@ class Sensor(Entry):
     units: SensorUnits | None = None
     """Of acceleration or of displacement; those that the file's header states when left out."""
     sampling_rate_hz: Positive | None = None
-    start: _Start | None = None
+    start: Instant | None = None
     """When the first sample was taken, with its offset from UTC."""
 
 

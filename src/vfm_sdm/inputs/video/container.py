@@ -102,6 +102,16 @@ class ContainerSource:
         key = int(np.searchsorted(self._timeline.stamps, start.key))
         return min(number, key + max(frames, 1) - 1)
 
+    def compressed_from(self, number: int) -> tuple[Path, Start | None]:
+        """The file, and where in it a frame is found; ``None`` for the first one.
+
+        Parameters
+        ----------
+        number
+            Number of the frame.
+        """
+        return self._path, self._find(number) if number else None
+
     @property
     def begins_s(self) -> float:
         """Stamp of the first frame in the file's own time [s]; not 0 in files that go on where another ended."""
@@ -231,6 +241,7 @@ class ContainerSource:
                     rotation_deg=rotation_deg,
                     pixel_aspect=aspect,
                     time_scale=float(clock.scale),
+                    size_bytes=self._path.stat().st_size,
                     remarks=said + clock.remarks,
                     doubts=clock.doubts + (_INTERLACED,) * picture.interlaced_frame,
                     camera=read_camera_tags({**container.metadata, **video.metadata}, self._path),

@@ -13,7 +13,7 @@ from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.integrity import missing_bytes
 from vfm_sdm.inputs.video.records import DecodeStop
 
-__all__ = ["Start", "open_stream", "read_pictures"]
+__all__ = ["Start", "open_stream", "read_pictures", "seek_key"]
 
 # Without "explode" the decoders paint over damaged areas with their neighbours and say nothing.
 # "crccheck" compares the checksums of HEVC pictures where the encoder wrote them.
@@ -92,6 +92,37 @@ def open_stream(path: Path, *, threads: bool = True) -> Iterator[tuple[av.contai
             yield container, video
         finally:
             _finish(video.codec_context)
+
+
+def seek_key(container: av.container.InputContainer, video: av.VideoStream, start: Start) -> None:
+    """Moves to a key frame with which decoding leads to a picture.
+
+    Parameters
+    ----------
+    container, video
+        Of `open_stream`.
+    start
+        The picture.
+
+    Raises
+    ------
+    av.FFmpegError
+        The file cannot be moved in.
+
+    Notes
+    -----
+    Indices of some files are by the order of decoding, in which the stamp of one key frame may be behind the next one:
+    then the search goes further back, and to the beginning at last.
+    """
+    rate, base = video.average_rate, video.time_base
+    step = round(1 / (rate * base)) if rate and base else 0
+    for target in (start.key, start.key - _REORDER_STEPS * step):
+        container.seek(target, stream=video)
+        stamp = next((packet.pts for packet in container.demux(video)), None)
+        if stamp is not None and stamp <= start.key:
+            container.seek(target, stream=video)
+            return
+    container.seek(min(video.start_time or 0, 0), stream=video)
 
 
 def _finish(decoder: av.VideoCodecContext) -> None:
@@ -196,21 +227,9 @@ class _Pass:
         """Move to where this run begins: the group of pictures that holds the last sound picture of the earlier run."""
         target = None if self._last is None else self._last - _REORDER_STEPS * self._step
         if self._start is not None and (target is None or target < self._start.key):
-            self._seek_key(self._start)
+            seek_key(self._container, self._video, self._start)
         elif target is not None and self._first is not None and target > self._first:
             self._container.seek(target, stream=self._video)
-
-    def _seek_key(self, start: Start) -> None:
-        """Move to a key frame. Indices of some files are by the order of decoding, so that a later one may be found."""
-        rate, base = self._video.average_rate, self._video.time_base
-        step = round(1 / (rate * base)) if rate and base else 0
-        for target in (start.key, start.key - _REORDER_STEPS * step):
-            self._container.seek(target, stream=self._video)
-            stamp = next((packet.pts for packet in self._container.demux(self._video)), None)
-            if stamp is not None and stamp <= start.key:
-                self._container.seek(target, stream=self._video)
-                return
-        self._container.seek(min(self._video.start_time or 0, 0), stream=self._video)
 
     def pictures(self) -> Generator[av.VideoFrame]:
         """The pictures of this run; it ends with `DecodeStop` where the file does not end well."""

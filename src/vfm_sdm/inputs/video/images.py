@@ -88,6 +88,16 @@ class ImageSource:
         """
         return number
 
+    def compressed_from(self, number: int) -> tuple[Path, None]:
+        """The file of an image.
+
+        Parameters
+        ----------
+        number
+            Number of the image.
+        """
+        return self._files[number], None
+
     def stream(self) -> Generator[Frame]:
         """A fresh pass over the images, in order, numbered from 0; see `stream_from`."""
         return self.stream_from(0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.decoder import Start
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, FrameSource, VideoInfo
 
 __all__ = ["IntervalSource", "JoinedSource", "SeekableSource"]
@@ -39,6 +40,10 @@ class SeekableSource(FrameSource, Protocol):
 
     def soon_decoded(self, number: int, frames: int) -> int:
         """The frame itself, or the last one before it that comes with at most so many decoded frames."""
+        ...
+
+    def compressed_from(self, number: int) -> tuple[Path, Start | None]:
+        """The file that holds a frame, and where in it; ``None`` for its first one."""
         ...
 
 
@@ -69,8 +74,8 @@ class IntervalSource:
         last = float(clock[-1]) if len(clock) else 0.0
         if not self._clock.size:
             raise VideoError(
-                f"{source.info.source}: expected frames from {from_s:g} to {'the end' if to_s is None else f'{to_s:g}'} "
-                f"s, got a recording that ends at {last:.3f} s; correct use_s"
+                f"{source.info.source}: expected frames from {from_s:g} s on{'' if to_s is None else f' to {to_s:g} s'}, "
+                f"got a recording that ends at {last:.3f} s; correct use_s"
             )
         whole = source.info
         said = f"used from {from_s:g} to {last if to_s is None else min(to_s, last):g} s of {last:.4g} s"
@@ -78,6 +83,7 @@ class IntervalSource:
             whole,
             frame_count=len(self._clock),
             duration_s=float(self._clock[-1]) + (0.0 if np.isnan(whole.fps) else 1 / whole.fps),
+            size_bytes=None if whole.size_bytes is None else round(whole.size_bytes * len(self._clock) / len(clock)),
             remarks=(*whole.remarks, said),
         )
         self.begins_s = source.begins_s + from_s
@@ -111,6 +117,10 @@ class IntervalSource:
         """The frame itself, or the last one before it in the interval that comes with at most so many decoded ones."""
         return max(self._source.soon_decoded(self._first + number, frames) - self._first, 0)
 
+    def compressed_from(self, number: int) -> tuple[Path, Start | None]:
+        """The file that holds a frame of the interval, and where in it."""
+        return self._source.compressed_from(self._first + number)
+
     def jump(self, count: int, frames: int) -> Generator[Frame]:
         """Frames spread evenly over the interval; see `_pick`."""
         return _pick(self, count, frames)
@@ -143,6 +153,7 @@ class JoinedSource:
             _check_alike(first, one.info)
         counts = [one.info.frame_count for one in sources]
         durations = [one.info.duration_s for one in sources]
+        sizes = [one.info.size_bytes for one in sources]
         remarks = [remark for one in sources for remark in one.info.remarks]
         doubts = [doubt for one in sources for doubt in one.info.doubts]
         names = ", ".join(Path(one.info.source).name for one in sources)
@@ -150,6 +161,7 @@ class JoinedSource:
             first,
             frame_count=None if None in counts else sum(count or 0 for count in counts),
             duration_s=None if None in durations else sum(duration or 0.0 for duration in durations),
+            size_bytes=None if None in sizes else sum(size or 0 for size in sizes),
             remarks=(*dict.fromkeys(remarks), f"{len(sources)} chapters as one recording: {names}", *self._gaps),
             doubts=tuple(dict.fromkeys(doubts)),
         )
@@ -199,8 +211,7 @@ class JoinedSource:
         DecodeStop
             A chapter ends early or is damaged; those after it are not read.
         """
-        numbers = [number for number, _ in self._starts]
-        begin = int(np.searchsorted(numbers, first, side="right")) - 1
+        begin = self._chapter_of(first)
         for chapter, (number, start_s) in list(zip(self._sources, self._starts, strict=True))[begin:]:
             with closing(chapter.stream_from(max(first - number, 0))) as frames:
                 try:
@@ -211,9 +222,17 @@ class JoinedSource:
 
     def soon_decoded(self, number: int, frames: int) -> int:
         """The frame itself, or the last one before it in its chapter that comes with at most so many decoded ones."""
-        begin = int(np.searchsorted([first for first, _ in self._starts], number, side="right")) - 1
-        first = self._starts[begin][0]
-        return first + self._sources[begin].soon_decoded(number - first, frames)
+        chapter = self._chapter_of(number)
+        first = self._starts[chapter][0]
+        return first + self._sources[chapter].soon_decoded(number - first, frames)
+
+    def compressed_from(self, number: int) -> tuple[Path, Start | None]:
+        """The chapter that holds a frame, and where in it."""
+        chapter = self._chapter_of(number)
+        return self._sources[chapter].compressed_from(number - self._starts[chapter][0])
+
+    def _chapter_of(self, number: int) -> int:
+        return int(np.searchsorted([first for first, _ in self._starts], number, side="right")) - 1
 
     def jump(self, count: int, frames: int) -> Generator[Frame]:
         """Frames spread evenly over all chapters; see `_pick`."""

@@ -13,6 +13,7 @@ from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import DatasetError, VideoError
 from vfm_sdm.inputs.video.clock import count_dropped
 from vfm_sdm.inputs.video.container import ContainerSource
+from vfm_sdm.inputs.video.decoder import Start
 from vfm_sdm.inputs.video.images import ImageSource
 from vfm_sdm.inputs.video.parts import IntervalSource, JoinedSource, SeekableSource
 from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
@@ -123,6 +124,20 @@ class Video:
                 waiting = False
         if waiting:
             yield self._frame(also)  # which says what is wrong
+
+    def compressed_from(self) -> tuple[Path, Start | None]:
+        """File that holds the first frame, and where in it; ``None`` where that is its beginning.
+
+        Raises
+        ------
+        VideoError
+            The frames do not come from a file.
+        """
+        begins = getattr(self._source, "compressed_from", None)
+        if begins is None:
+            raise VideoError(f"{self.info.source}: expected a video file, got {self.info.codec}; give the recording")
+        found: tuple[Path, Start | None] = begins(0)
+        return found
 
     def first_frame(self) -> Frame:
         """The first frame; `report` stays as it is.
