@@ -5,8 +5,7 @@ v (down). A `Session` reports all its faults at once as one `SessionError`; its 
 pydantic's ``ValidationError`` (a ``ValueError``).
 """
 
-from collections.abc import Sequence
-from datetime import datetime
+from collections.abc import Mapping, Sequence
 from glob import escape
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -25,7 +24,7 @@ from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
-from vfm_sdm.inputs.session.recording_fields import Files, Instant, Interval
+from vfm_sdm.inputs.session.recording_fields import Files, Instant, Interval, count_from
 from vfm_sdm.inputs.session.site import Entry, Name, Number, Pixel, Positive, Readings, Site
 
 __all__ = ["Chessboard", "Point", "Sensor", "Session", "View"]
@@ -50,7 +49,7 @@ class View(Readings):
     capture_fps: Positive | None = None
     """Frames a second that the camera took, where a video is stored at another rate: slow motion, time lapse [Hz]."""
     use_s: Interval = None
-    """Interval of the recording that is measured, [from] or [from, to]: seconds from its first frame, or times."""
+    """Interval of the recording that is measured from its first frame on, [from] or [from, to] [s]; also times."""
     lens: Lens | None = None
     camera: _PathField | None = None
     """File with the known camera, own TOML or OpenCV YAML."""
@@ -61,6 +60,13 @@ class View(Readings):
     """Standard deviation of that [s]; it decides between peaks where the motion alone cannot."""
     start: Instant | None = None
     """When the first frame was taken, with its offset from UTC: another way to state the time offset."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _count_interval(cls, fields: Any) -> Any:
+        if isinstance(fields, Mapping) and "use_s" in fields:
+            return {**fields, "use_s": count_from(fields.get("start"), fields["use_s"])}
+        return fields
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -76,27 +82,13 @@ class View(Readings):
             )
         if self.images is not None and self.capture_fps is not None:
             raise ValueError("capture_fps: expected none beside images, whose fps is their rate; set fps to it")
-        if self.use_s is not None and isinstance(self.use_s[0], datetime):
-            if self.start is None:
-                raise ValueError(
-                    "use_s: expected start beside dates and times, got none; state when the first frame was taken"
-                )
-            if self.interval_s[0] < 0:
-                raise ValueError(
-                    f"use_s: expected times from start ({self.start}) on, got {self.use_s[0]}; correct them"
-                )
         return self
 
     @property
     def interval_s(self) -> tuple[float, float | None]:
         """Interval that is measured, from the recording's first frame [s]; ``None`` stands for its end."""
-        bounds = [self._seconds(one) for one in self.use_s or (0.0,)]
-        return bounds[0], bounds[1] if len(bounds) > 1 else None
-
-    def _seconds(self, bound: float | datetime) -> float:
-        if not isinstance(bound, datetime):
-            return float(bound)
-        return (bound - self.start).total_seconds() if self.start is not None else 0.0
+        from_s, *to_s = self.use_s or (0.0,)
+        return from_s, to_s[0] if to_s else None
 
 
 class Point(Entry):

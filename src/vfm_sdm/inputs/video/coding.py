@@ -116,9 +116,13 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
     quantisers: list[npt.NDArray[np.float32] | None] = []
     crops: list[list[LumaArray]] = [[] for _ in regions]
     encoder, first = "", None
-    with suppress(av.FFmpegError, VideoError), open_stream(path) as (container, stream), _old_objects_aside():
+    # With several pictures in work at once, FFmpeg exports quantisers of some before they are read: by chance.
+    one_by_one = open_stream(path, threads=False)
+    with suppress(av.FFmpegError, VideoError), one_by_one as (container, stream), _old_objects_aside():
         stream.codec_context.options = {"export_side_data": "venc_params"}
         if start is not None:
+            # Encoders say what they are in the first picture alone.
+            encoder = _read_encoder(next(container.decode(stream)))
             seek_key(container, stream, start)
         for picture in container.decode(stream):
             if start is not None and (picture.pts is None or picture.pts < start.stamp):

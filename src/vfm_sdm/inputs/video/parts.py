@@ -18,6 +18,8 @@ from vfm_sdm.inputs.video.records import DecodeStop, Frame, FrameSource, VideoIn
 __all__ = ["IntervalSource", "JoinedSource", "SeekableSource"]
 
 _SAME_RATE = 1e-3
+_OWN_CLOCK_S = 1.0
+"""Difference of first stamps up to which both chapters begin a clock of their own [s]: encoders delay some frames."""
 _WITHIN_FRAME = 0.5
 """Share of the time between two frames by which stamps of two files may miss each other and still go on [1]."""
 
@@ -73,9 +75,10 @@ class IntervalSource:
         self._clock = clock[self._first : end] - from_s
         last = float(clock[-1]) if len(clock) else 0.0
         if not self._clock.size:
+            wanted = f"from {from_s:g} s on" if to_s is None else f"from {from_s:g} to {to_s:g} s"
             raise VideoError(
-                f"{source.info.source}: expected frames from {from_s:g} s on{'' if to_s is None else f' to {to_s:g} s'}, "
-                f"got a recording that ends at {last:.3f} s; correct use_s"
+                f"{source.info.source}: expected frames {wanted}, got a recording that ends at {last:.3f} s; correct "
+                "use_s"
             )
         whole = source.info
         said = f"used from {from_s:g} to {last if to_s is None else min(to_s, last):g} s of {last:.4g} s"
@@ -280,7 +283,7 @@ def _length_s(source: SeekableSource, clock: FloatArray) -> float:
 def _gap_s(before: SeekableSource, after: SeekableSource, clock: FloatArray) -> float:
     """Time that is missing between two chapters by their stamps [s]; 0 where each begins a clock of its own."""
     length = _length_s(before, clock)
-    if after.begins_s < before.begins_s + _WITHIN_FRAME * length:
+    if abs(after.begins_s - before.begins_s) < min(_OWN_CLOCK_S, length / 2):
         return 0.0
     gap = after.begins_s - before.begins_s - length
     interval = _interval_s(before, clock)
