@@ -15,7 +15,10 @@ from vfm_sdm.inputs.session.model import Session, View
 from vfm_sdm.inputs.video import CameraTags, RgbArray, Video, open_images, open_video
 from vfm_sdm.inputs.video.images import find_files, find_images
 
-__all__ = ["FirstFrames", "camera_tags", "input_files", "open_views", "pixel_aspect", "quiet_frames"]
+__all__ = [
+    *("FirstFrames", "camera_tags", "input_files", "list_chapters", "open_views"),
+    *("pixel_aspect", "quiet_frames"),
+]
 
 
 _OPENING = 16
