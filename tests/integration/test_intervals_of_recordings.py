@@ -81,7 +81,7 @@ def test_a_pattern_names_the_chapters_in_the_order_of_their_numbers(tmp_path):
     for name in ("GX100007.MP4", "GX020007.MP4", "GX010007.MP4", "GX010008.MP4"):
         (tmp_path / name).touch()
     table = session.as_fields()
-    table["view"][0] = {"name": "left", "video": "GX*0007.MP4"}
+    table["view"][0] = {"name": "left", "video": "GX*0007.MP4", "camera": "rig.toml"}
     found = type(session)(**table, folder=tmp_path)
     names = [path.name for path in list_chapters(found, found.view[0])]
     assert names == ["GX010007.MP4", "GX020007.MP4", "GX100007.MP4"]

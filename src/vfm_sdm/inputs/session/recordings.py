@@ -16,8 +16,13 @@ from vfm_sdm.inputs.video import CameraTags, RgbArray, Video, open_images, open_
 from vfm_sdm.inputs.video.images import find_files, find_images
 
 __all__ = [
-    *("FirstFrames", "camera_tags", "input_files", "list_chapters", "open_views"),
-    *("pixel_aspect", "quiet_frames"),
+    "FirstFrames",
+    "camera_tags",
+    "input_files",
+    "list_chapters",
+    "open_views",
+    "pixel_aspect",
+    "quiet_frames",
 ]
 
 
