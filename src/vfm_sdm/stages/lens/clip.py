@@ -159,7 +159,7 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
             rate, change = motion.turn_rates(chosen, camera.camera, readout_s=readout, shift=shift)
             clip = replace(clip, seen=replace(seen, turn_rate=rate, turn_change=change))
             adjusted = adjust_clip(camera, clip)
-            step = abs(adjusted.lens[0] - camera.lens[0])
+            step = abs(adjusted.camera.lens[0] - camera.lens[0])
             if step < _SETTLED * np.sqrt(adjusted.covariance[0, 0]):
                 break
         return judge_lens(adjusted, motion.time_s[chosen])
