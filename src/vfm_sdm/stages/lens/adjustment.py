@@ -84,7 +84,26 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
     residuals: their median absolute value, each over the share that its point leaves it. The deviations of the points'
     distances are integrated out (`vfm_sdm.stages.lens.nearness`): their volume is part of what is minimised. A round
     takes it as a straight line in all values but the lever, along the profile of each, and the next one takes it anew.
+    A scene near the camera has several minima, such as one with the lever on the other side: the adjustment is begun
+    again from where it ended and from there, and the best end counts.
     """
+    best = _settle(start, clip)
+    for side in (1, -1):
+        other = _settle(replace(best.camera, shared=best.camera.shared * [side, side, side, 1, 1]), clip)
+        if _cost_at(other, best.noise_px) < _cost_at(best, best.noise_px):
+            best = other
+    return best
+
+
+def _cost_at(end: AdjustedClip, noise: float) -> float:
+    """Cost of an end at this noise."""
+    clip = replace(end.clip, growth_std=noise / end.camera.camera.focal_px)
+    weights = _weigh(end.residuals, noise) / noise**2
+    return _cost(end.camera, clip, noise, volume_of_points(end.camera, clip, weights))
+
+
+def _settle(start: TurningCamera, clip: LensClip) -> AdjustedClip:
+    """The minimum that a start leads to."""
     now, noise = start, 1.0
     for _ in range(_ROUNDS):
         # What stretching does to a detector is as much as what noise does.
