@@ -89,7 +89,8 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
     """
     best = _settle(start, clip)
     for side in (1, -1):
-        other = _settle(replace(best.camera, shared=best.camera.shared * [side, side, side, 1, 1]), clip)
+        shared = best.camera.shared * [side, side, side, 1, 1]
+        other = _settle(replace(best.camera, shared=shared, nearness=side * best.camera.nearness), clip)
         if _cost_at(other, best.noise_px) < _cost_at(best, best.noise_px):
             best = other
     return best
