@@ -437,17 +437,7 @@ def _solve(
 
     # As the camera stage does: through narrow views the start may be the mirror image.
     adjusted = explain_contradiction(stated, weigh_hypotheses(session, [start], adjust).adjusted)
-    return CameraSolution(
-        adjusted.rig,
-        adjusted.frame,
-        adjusted.covariance,
-        points_dataset(pixels),
-        quantities=adjusted.quantities,
-        status=adjusted.status,
-        notes=adjusted.notes,
-        epipolar_rms_px=adjusted.epipolar_rms_px,
-        suspects=adjusted.suspects,
-    )
+    return CameraSolution.of(adjusted, points_dataset(pixels))
 
 
 def _prior_rig(c: Conditions, session: Session, matches: Matches) -> Rig:

@@ -95,7 +95,7 @@ class Measurement(Chain[Session]):
 
     # What was filmed.
 
-    @product(reads=("view.name", "view.video", "view.images", "view.fps", "view.capture_fps"))
+    @product(reads=tuple(f"view.{field}" for field in ("name", "video", "images", "fps", "capture_fps", "use_s")))
     def recordings(self, session: Session) -> dict[str, Video]:
         """The recordings of all views by name, open."""
         return open_views(session)
@@ -157,12 +157,7 @@ class Measurement(Chain[Session]):
             found[view] = self._choose(view, known, session.method.subset_px)
         return found
 
-    @product(
-        needs=("recordings", "points", "subsets"),
-        parts=("trackers",),
-        kept=TRACKS,
-        label="tracking",
-    )
+    @product(needs=("recordings", "points", "subsets"), parts=("trackers",), kept=TRACKS, label="tracking")
     def tracks(self, session: Session) -> dict[str, xr.Dataset]:
         """Tracks of all points by view, each on its own clock."""
         tracker = self.part("trackers")
@@ -198,7 +193,7 @@ class Measurement(Chain[Session]):
 
     @product(
         reads=(
-            *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start"),
+            *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start", "view.use_s"),
             *("point.name", "point.static", "method.synchronization"),
         ),
         needs=("cameras", "steady"),

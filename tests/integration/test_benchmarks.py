@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
-    "lines": ["--draws", "1", "--readings", "level alone"],
+    "lines": ["--draws", "1", "--readings", "level alone", "--rectangles", "1"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
     "lens": ["--draws", "1", "--views", "40"],
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
@@ -35,6 +36,17 @@ COLUMN = re.compile(r"(?<=\S)(?:  +|: +)(?=\S)")
 def test_every_script_is_here():
     scripts = {path.stem for path in (ROOT / "benchmarks").glob("*.py")}
     assert scripts == {*SMALLEST, *ELSEWHERE}
+
+
+@pytest.mark.parametrize("name", sorted(SMALLEST))
+def test_a_script_says_how_to_use_it(name, monkeypatch, capsys):
+    script = ROOT / "benchmarks" / f"{name}.py"
+    monkeypatch.setattr(sys, "path", [str(script.parent), *sys.path])
+    monkeypatch.setattr(sys, "argv", [str(script), "--help"])
+    with pytest.raises(SystemExit) as left:
+        runpy.run_path(str(script), run_name="__main__")
+    assert left.value.code == 0
+    assert "usage" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

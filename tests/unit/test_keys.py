@@ -36,6 +36,7 @@ READERS = {
     "view.time_offset_s": ("aligned", "audit"),
     "view.time_offset_std_s": ("aligned", "audit"),
     "view.start": ("aligned", "audit"),
+    "view.use_s": ("recordings", "aligned", "audit"),
     "site": ("cameras", "audit"),
     "site.length": ("cameras", "displacement", "audit"),
     "point.name": ("expectation", "cameras", "points", "steady", "aligned", "displacement", "audit"),
@@ -93,7 +94,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
             {"name": "left", "images": "left/*.png", "fps": 30.0, "lens": {"focal_px": 900.0}, "camera": "rig.toml"},
             {
                 **{"name": "right", "video": "right.mp4", "time_offset_s": 0.1, "time_offset_std_s": 0.01},
-                **{"level": level, "stands": "right"},
+                **{"level": level, "stands": "right", "use_s": [0.5, 9.0]},
                 "lens": {"camera": "GoPro HERO7 Black", "mode": "Linear", "stabilised": False},
                 **{name: {"value": 6.0, "std": 0.02} for name in ("perpendicular_distance", "longitudinal_distance")},
             },

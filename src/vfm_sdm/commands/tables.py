@@ -18,6 +18,7 @@ from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
 from vfm_sdm.outputs.results import summarize_displacement
 from vfm_sdm.stages.audit import Audit
+from vfm_sdm.stages.audit.scale_budget import ScaleBudget, say_percent
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
@@ -45,6 +46,9 @@ _NO_LIMIT = 1e-6
 """Limit of a check below which any amount is a caution, and none is worth saying."""
 _WORTH_SAYING_S = 0.05
 _WORTH_SAYING_SHARE = 0.95
+_WORTH_NAMING, _WORTH_MEASURING = 0.05, 0.9
+"""Share of the scale's variance from which a source is named, and share of its uncertainty that a further reading has
+to leave at most to be named [1]."""
 _LEVEL_DEG = 15.0
 _SUMMARY_ROWS = 2
 _NAME_WIDTH = 16
@@ -93,6 +97,8 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
             limit = f" (limit {check.limit:.3g}{units})" if check.limit > _NO_LIMIT else ""
             shown = f" {check.value:.3g}{units}{limit}"
         yield Text(f" {check.outcome}: {check.name}{shown}: {check.sentence}", style=style)
+    if audit.scale is not None and audit.scale.shares:
+        yield Text(f" {_describe_scale(audit.scale)}")
     passed = sum(check.outcome is Outcome.PASS for check in audit.checks)
     colour = {Verdict.FIT: "green", Verdict.REFUSED: "red"}.get(audit.verdict, "yellow")
     named = [check.name for check in audit.flagged]
@@ -101,6 +107,16 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
     yield Text(
         f"verdict: {audit.verdict}{reasons} ({passed} of {len(audit.checks)} checks passed)", style=f"bold {colour}"
     )
+
+
+def _describe_scale(scale: ScaleBudget) -> str:
+    """What the scale rests on, and what would tell it better, in one line."""
+    parts = [f"{100 * share:.0f} % {source}" for source, share in scale.shares.items() if share >= _WORTH_NAMING]
+    begin = f"scale: {say_percent(scale.expanded)} (k = 2, {scale.axis} of {scale.point}), from {', '.join(parts)}"
+    better = [one for one in scale.readings if one.left < _WORTH_MEASURING * scale.expanded]
+    if not better:
+        return begin
+    return f"{begin}. To measure next: {better[0].sentence} leaves {say_percent(better[0].left)}"
 
 
 def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[RenderableType]:

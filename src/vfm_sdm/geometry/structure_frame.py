@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.errors import CameraError
@@ -113,7 +112,9 @@ def structure_from_cam1(
     [0.0, 0.0, 1.0]
     """
     # Columns of level_from_cam are the camera's axes seen in the level frame (x right, y down, z forward).
-    level_from_cam = Rotation.from_euler("x", pitch_rad).as_matrix() @ Rotation.from_euler("z", roll_rad).as_matrix()
+    rise, run = np.sin(pitch_rad), np.cos(pitch_rad)
+    lean, stand = np.sin(roll_rad), np.cos(roll_rad)
+    level_from_cam = np.array([[stand, -lean, 0.0], [run * lean, run * stand, -rise], [rise * lean, rise * stand, run]])
     sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
     sign = 1.0 if side == "right" else -1.0
     structure_from_level = np.array([[sign * cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, sign * cosine]])

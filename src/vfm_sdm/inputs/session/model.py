@@ -5,15 +5,12 @@ v (down). A `Session` reports all its faults at once as one `SessionError`; its 
 pydantic's ``ValidationError`` (a ``ValueError``).
 """
 
-from collections.abc import Sequence
-from datetime import datetime
+from collections.abc import Mapping, Sequence
 from glob import escape
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    AwareDatetime,
-    BeforeValidator,
     Field,
     PlainSerializer,
     Strict,
@@ -27,6 +24,7 @@ from vfm_sdm.inputs.session.faults import cross_faults, field_faults
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
+from vfm_sdm.inputs.session.recording_fields import Files, Instant, Interval, count_from
 from vfm_sdm.inputs.session.site import Entry, Name, Number, Pixel, Positive, Readings, Site
 
 __all__ = ["Chessboard", "Point", "Sensor", "Session", "View"]
@@ -39,26 +37,19 @@ _ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 
 
-def _instant(value: object) -> object:
-    if not isinstance(value, (str, datetime)):
-        # pydantic would take a number for seconds since 1970; it reports a ValueError with the key, a TypeError not.
-        raise ValueError(f"expected a date and time such as 2026-11-20T10:15:30.25Z, got {value!r}")  # noqa: TRY004
-    return value
-
-
-_Start = Annotated[AwareDatetime, BeforeValidator(_instant)]
-
-
 class View(Readings):
     """One camera's recording: a ``video``, or ``images`` (a glob pattern) with ``fps``; and what was read at it."""
 
     name: _ViewName
-    video: _PathField | None = None
+    video: Files = None
+    """A file, a pattern of the chapters of one recording, or their list in the order in which they were recorded."""
     images: Name | None = None
     fps: Positive | None = None
     """Frames a second of an image sequence [Hz]."""
     capture_fps: Positive | None = None
     """Frames a second that the camera took, where a video is stored at another rate: slow motion, time lapse [Hz]."""
+    use_s: Interval = None
+    """Interval of the recording that is measured from its first frame on, [from] or [from, to] [s]; also times."""
     lens: Lens | None = None
     camera: _PathField | None = None
     """File with the known camera, own TOML or OpenCV YAML."""
@@ -67,8 +58,15 @@ class View(Readings):
     motion gives it exactly (`Method.synchronization`). 0 counts as stated, nothing does not."""
     time_offset_std_s: Positive | None = None
     """Standard deviation of that [s]; it decides between peaks where the motion alone cannot."""
-    start: _Start | None = None
+    start: Instant | None = None
     """When the first frame was taken, with its offset from UTC: another way to state the time offset."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _count_interval(cls, fields: Any) -> Any:
+        if isinstance(fields, Mapping) and "use_s" in fields:
+            return {**fields, "use_s": count_from(fields.get("start"), fields["use_s"])}
+        return fields
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -85,6 +83,12 @@ class View(Readings):
         if self.images is not None and self.capture_fps is not None:
             raise ValueError("capture_fps: expected none beside images, whose fps is their rate; set fps to it")
         return self
+
+    @property
+    def interval_s(self) -> tuple[float, float | None]:
+        """Interval that is measured, from the recording's first frame [s]; ``None`` stands for its end."""
+        from_s, *to_s = self.use_s or (0.0,)
+        return from_s, to_s[0] if to_s else None
 
 
 class Point(Entry):
@@ -110,7 +114,7 @@ class Sensor(Entry):
     units: SensorUnits | None = None
     """Of acceleration or of displacement; those that the file's header states when left out."""
     sampling_rate_hz: Positive | None = None
-    start: _Start | None = None
+    start: Instant | None = None
     """When the first sample was taken, with its offset from UTC."""
 
 
@@ -167,11 +171,18 @@ class Session(Entry):
         return self.view[0]
 
     def stated_offset_s(self, view: View) -> float | None:
-        """How much later a view begins than the reference view [s]; ``None`` where the session does not say."""
-        first = self.reference_view.start
+        """How much later a view begins than the reference view [s]; ``None`` where the session does not say.
+
+        Both begin with what is used of their recordings.
+        """
+        first, stated_s = self.reference_view.start, view.time_offset_s
         if view.start is not None and first is not None:
-            return (view.start - first).total_seconds()
-        return view.time_offset_s
+            stated_s = (view.start - first).total_seconds()
+        return None if stated_s is None else stated_s + self.later_use_s(view)
+
+    def later_use_s(self, view: View) -> float:
+        """How much later than in the reference view's recording the interval that is used begins [s]."""
+        return view.interval_s[0] - self.reference_view.interval_s[0]
 
     @property
     def resolved_method(self) -> Method:

@@ -11,11 +11,19 @@ import numpy.typing as npt
 from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray, LumaArray
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.session.method import table_paths
-from vfm_sdm.inputs.session.model import Session
+from vfm_sdm.inputs.session.model import Session, View
 from vfm_sdm.inputs.video import CameraTags, RgbArray, Video, open_images, open_video
-from vfm_sdm.inputs.video.images import find_images
+from vfm_sdm.inputs.video.images import find_files, find_images
 
-__all__ = ["FirstFrames", "camera_tags", "input_files", "open_views", "pixel_aspect", "quiet_frames"]
+__all__ = [
+    "FirstFrames",
+    "camera_tags",
+    "input_files",
+    "list_chapters",
+    "open_views",
+    "pixel_aspect",
+    "quiet_frames",
+]
 
 
 _OPENING = 16
@@ -38,11 +46,39 @@ def open_views(session: Session) -> dict[str, Video]:
     """
     videos = {}
     for view in session.view:
+        use_s = None if view.use_s is None else view.interval_s
         if view.video is not None:
-            videos[view.name] = open_video(session.resolve(view.video), capture_fps=view.capture_fps)
+            files = list_chapters(session, view)
+            videos[view.name] = open_video(*files, capture_fps=view.capture_fps, use_s=use_s)
         else:
-            videos[view.name] = open_images(session.resolve_pattern(str(view.images)), float(view.fps or 0.0))
+            pattern = session.resolve_pattern(str(view.images))
+            videos[view.name] = open_images(pattern, float(view.fps or 0.0), use_s=use_s)
     return videos
+
+
+def list_chapters(session: Session, view: View) -> list[Path]:
+    """Files of a view's video, in the order in which they were recorded.
+
+    Parameters
+    ----------
+    session
+        Session whose folder relative paths start at.
+    view
+        A view with a video.
+
+    Raises
+    ------
+    VideoError
+        No file matches a pattern.
+    """
+    named = view.video if isinstance(view.video, tuple) else (view.video,)
+    files: list[Path] = []
+    for one in named:
+        path = session.resolve(str(one))
+        # A file's own name may hold brackets.
+        literal = path.exists() or not set("*?[") & set(str(one))
+        files += [path] if literal else find_files(session.resolve_pattern(str(one)), "video")
+    return files
 
 
 class FirstFrames(Mapping[str, LumaArray]):
@@ -182,7 +218,9 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
     """
     for view in session.view:
         if view.video is not None:
-            yield str(view.video), session.resolve(view.video)
+            for path in list_chapters(session, view):
+                inside = path.is_relative_to(session.folder)
+                yield (path.relative_to(session.folder) if inside else path).as_posix(), path
         elif view.images is not None:
             yield from _pattern_files(session, view.name, view.images)
         if view.camera is not None:

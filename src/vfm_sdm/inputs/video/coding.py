@@ -19,7 +19,7 @@ from av.sidedata.sidedata import SideData
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray, mean_of_known
 from vfm_sdm.errors import VideoError
-from vfm_sdm.inputs.video.decoder import open_stream
+from vfm_sdm.inputs.video.decoder import Start, open_stream, seek_key
 from vfm_sdm.inputs.video.luma import luma_plane
 from vfm_sdm.inputs.video.reader import Video
 from vfm_sdm.inputs.video.region import Region
@@ -109,16 +109,24 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
     """
     if video.info.codec not in ("h264", "hevc"):
         return None
-    path = Path(video.info.source)
+    path, start = video.compressed_from()
     turns = -video.info.rotation_deg // 90
     types: list[int] = []
     stamps: list[int | None] = []
     quantisers: list[npt.NDArray[np.float32] | None] = []
     crops: list[list[LumaArray]] = [[] for _ in regions]
     encoder, first = "", None
-    with suppress(av.FFmpegError, VideoError), open_stream(path) as (container, stream), _old_objects_aside():
+    # With several pictures in work at once, FFmpeg exports quantisers of some before they are read: by chance.
+    one_by_one = open_stream(path, threads=False)
+    with suppress(av.FFmpegError, VideoError), one_by_one as (container, stream), _old_objects_aside():
         stream.codec_context.options = {"export_side_data": "venc_params"}
+        if start is not None:
+            # Encoders say what they are in the first picture alone.
+            encoder = _read_encoder(next(container.decode(stream)))
+            seek_key(container, stream, start)
         for picture in container.decode(stream):
+            if start is not None and (picture.pts is None or picture.pts < start.stamp):
+                continue
             types.append(int(picture.pict_type))
             stamps.append(picture.pts)
             encoder = encoder or _read_encoder(picture)
@@ -134,7 +142,7 @@ def read_coded_clip(video: Video, regions: Sequence[Region], *, frames: int) -> 
     if first is None:
         return None
     if not encoder and any(found is None for found in quantisers):
-        by_stamp = _read_slice_quantisers(path, frames)
+        by_stamp = _read_slice_quantisers(path, start, frames)
         quantisers = [np.full((1, 1), by_stamp.get(stamp, np.nan), np.float32) for stamp in stamps]
     known = [found for found in quantisers if found is not None]
     if len(known) < len(types) or len({found.shape for found in known}) > 1:
@@ -203,8 +211,8 @@ def _read_encoder(picture: av.VideoFrame) -> str:
     return ""
 
 
-def _read_slice_quantisers(path: Path, frames: int) -> dict[int | None, float]:
-    """Quantisers of the first pictures' first slices by time stamp, from their headers as FFmpeg prints them."""
+def _read_slice_quantisers(path: Path, start: Start | None, frames: int) -> dict[int | None, float]:
+    """Quantisers of the first slices of pictures by time stamp, from their headers as FFmpeg prints them."""
     found: dict[int | None, float] = {}
     # The lines come through the log, whose level is one for the process.
     with _HEADERS, open_stream(path, threads=False) as (container, stream):
@@ -212,18 +220,21 @@ def _read_slice_quantisers(path: Path, frames: int) -> dict[int | None, float]:
         av.logging.set_level(av.logging.TRACE)
         try:
             with av.logging.Capture() as lines:
-                headers, start = BitStreamFilterContext("trace_headers", stream), 26
+                if start is not None:
+                    seek_key(container, stream, start)
+                headers, initial = BitStreamFilterContext("trace_headers", stream), 26
                 for packet in container.demux(stream):
-                    if not packet.size or len(found) >= 2 * frames:
+                    used = sum(start is None or (at or 0) >= start.stamp for at in found)
+                    if not packet.size or used >= 2 * frames:
                         break
                     stamp, done = packet.pts, len(lines)
                     headers.filter(packet)
                     for line in lines[done:]:
                         match = _QUANTISER.match(line[2])
                         if match and match[1] == "init_qp_minus26":
-                            start = 26 + int(match[2])
+                            initial = 26 + int(match[2])
                         elif match:
-                            found.setdefault(stamp, float(start + int(match[2])))
+                            found.setdefault(stamp, float(initial + int(match[2])))
         except av.FFmpegError:
             return found
         finally:

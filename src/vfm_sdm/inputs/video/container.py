@@ -4,7 +4,7 @@ import math
 from collections.abc import Generator, Iterable
 from contextlib import closing
 from fractions import Fraction
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import cast
 
@@ -12,14 +12,16 @@ import av
 import numpy as np
 from av.sidedata.sidedata import SideData
 
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.camera_tags import read_camera_tags
 from vfm_sdm.inputs.video.color import convert_part
-from vfm_sdm.inputs.video.decoder import open_stream, read_pictures
+from vfm_sdm.inputs.video.decoder import Start, open_stream, read_pictures
 from vfm_sdm.inputs.video.luma import luma_bits, luma_plane
 from vfm_sdm.inputs.video.marks import read_capture_clock, read_pixel_aspect
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, VideoInfo
+from vfm_sdm.inputs.video.timeline import Timeline, read_timeline
 
 __all__ = ["ContainerSource"]
 
@@ -51,7 +53,7 @@ class ContainerSource:
 
     def __init__(self, path: Path, *, capture_fps: float | None = None) -> None:
         self._path = path
-        self._base, self._tick, self.info = self._probe(capture_fps)
+        self._base, self._tick, self._first, self.info = self._probe(capture_fps)
 
     def stream(self) -> Generator[Frame]:
         """A fresh pass over the frames, in order, numbered from 0.
@@ -62,15 +64,82 @@ class ContainerSource:
             The file ends early, data are damaged, the picture changes its size, or a time stamp is missing or does
             not rise.
         """
-        first: int | None = None
-        last = 0
+        return self._decode(0, None)
+
+    def stream_from(self, first: int) -> Generator[Frame]:
+        """A pass that begins with a later frame; numbers and times are those of a whole pass.
+
+        Parameters
+        ----------
+        first
+            Number of the frame. The file is decoded from the key frame before it on.
+
+        Raises
+        ------
+        DecodeStop
+            As of `stream`, or there is no such frame.
+        """
+        if first == 0:
+            return self.stream()
+        return self._decode(first, self._find(first))
+
+    def clock(self) -> FloatArray:
+        """Times of all frames from the first one, shape (T,) [s]; the file is read once, and not decoded."""
+        seconds, ticks = self._tick.as_integer_ratio()
+        return np.asarray((self._timeline.stamps - self._first) * seconds / ticks, np.float64)
+
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The frame itself, or the last one before it that comes with at most so many decoded frames.
+
+        Parameters
+        ----------
+        number
+            Number of the frame.
+        frames
+            Largest number of frames to decode.
+        """
+        start = self._find(number)
+        key = int(np.searchsorted(self._timeline.stamps, start.key))
+        return min(number, key + max(frames, 1) - 1)
+
+    def compressed_from(self, number: int) -> tuple[Path, Start | None]:
+        """The file, and where in it a frame is found; ``None`` for the first one.
+
+        Parameters
+        ----------
+        number
+            Number of the frame.
+        """
+        return self._path, self._find(number) if number else None
+
+    @property
+    def begins_s(self) -> float:
+        """Stamp of the first frame in the file's own time [s]; not 0 in files that go on where another ended."""
+        return float(self._first * self._tick)
+
+    @cached_property
+    def _timeline(self) -> Timeline:
+        return read_timeline(self._path, self._first)
+
+    def _find(self, first: int) -> Start:
+        stamps = self._timeline.stamps
+        if not first < len(stamps):
+            raise DecodeStop(RecordingStatus.TRUNCATED, f"expected a frame {first}, got {len(stamps)}; ask for fewer")
+        stamp = int(stamps[first])
+        return Start(stamp, self._timeline.key_before(stamp))
+
+    def _decode(self, number: int, start: Start | None) -> Generator[Frame]:
+        first: int | None = None if start is None else self._first
+        last = (start.stamp if start is not None else self._first) - 1
         # np.rot90 turns anticlockwise; it is a view, and so keeps the picture's memory alive.
         turns = -self.info.rotation_deg // 90
         seconds, ticks = self._tick.as_integer_ratio()
-        with closing(read_pictures(self._path)) as pictures:
-            for index, picture in enumerate(pictures):
+        with closing(read_pictures(self._path, start)) as pictures:
+            for index, picture in enumerate(pictures, start=number):
                 self._check_size(picture)
                 stamp = _rising_stamp(picture, None if first is None else last, self._base)
+                if index == number and start is not None and stamp != start.stamp:
+                    raise DecodeStop(RecordingStatus.CORRUPT, f"frame {number} does not decode; copy the file again")
                 first = stamp if first is None else first
                 last = stamp
                 luma = luma_plane(picture)
@@ -135,8 +204,8 @@ class ContainerSource:
                 f"{width} x {height} {picture.format.name}; cut the file where the camera changed its settings",
             )
 
-    def _probe(self, capture_fps: float | None) -> tuple[Fraction, Fraction, VideoInfo]:
-        """Unit of the stamps [s], the time that goes by in it [s], and what the container says."""
+    def _probe(self, capture_fps: float | None) -> tuple[Fraction, Fraction, int, VideoInfo]:
+        """Unit of the stamps [s], the time that goes by in it [s], the first stamp, and what the container says."""
         picture: av.VideoFrame | None = None
         why = "the stream is empty; record it again"
         with open_stream(self._path) as (container, video), closing(read_pictures(self._path)) as pictures:
@@ -158,6 +227,7 @@ class ContainerSource:
             return (
                 base,
                 base * clock.scale,
+                picture.pts or 0,
                 VideoInfo(
                     source=str(self._path),
                     width=width,
@@ -171,6 +241,7 @@ class ContainerSource:
                     rotation_deg=rotation_deg,
                     pixel_aspect=aspect,
                     time_scale=float(clock.scale),
+                    size_bytes=self._path.stat().st_size,
                     remarks=said + clock.remarks,
                     doubts=clock.doubts + (_INTERLACED,) * picture.interlaced_frame,
                     camera=read_camera_tags({**container.metadata, **video.metadata}, self._path),

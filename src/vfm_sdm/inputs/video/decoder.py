@@ -3,6 +3,7 @@
 import heapq
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import av
@@ -12,7 +13,7 @@ from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.integrity import missing_bytes
 from vfm_sdm.inputs.video.records import DecodeStop
 
-__all__ = ["open_stream", "read_pictures"]
+__all__ = ["Start", "open_stream", "read_pictures", "seek_key"]
 
 # Without "explode" the decoders paint over damaged areas with their neighbours and say nothing.
 # "crccheck" compares the checksums of HEVC pictures where the encoder wrote them.
@@ -20,6 +21,22 @@ _DECODER_OPTIONS = {"err_detect": "crccheck+explode"}
 _GAP_RATIO = 1.5
 # A key frame this many frames before another is decoded before it, however deeply the encoder reorders.
 _REORDER_STEPS = 32
+
+
+@dataclass(frozen=True)
+class Start:
+    """Picture with which a pass begins.
+
+    Parameters
+    ----------
+    stamp
+        Its time stamp [unit of the stream's stamps].
+    key
+        Stamp of a key frame with which decoding can begin, not after it.
+    """
+
+    stamp: int
+    key: int
 
 
 @contextmanager
@@ -77,6 +94,37 @@ def open_stream(path: Path, *, threads: bool = True) -> Iterator[tuple[av.contai
             _finish(video.codec_context)
 
 
+def seek_key(container: av.container.InputContainer, video: av.VideoStream, start: Start) -> None:
+    """Moves to a key frame with which decoding leads to a picture.
+
+    Parameters
+    ----------
+    container, video
+        Of `open_stream`.
+    start
+        The picture.
+
+    Raises
+    ------
+    av.FFmpegError
+        The file cannot be moved in.
+
+    Notes
+    -----
+    Indices of some files are by the order of decoding, in which the stamp of one key frame may be behind the next one:
+    then the search goes further back, and to the beginning at last.
+    """
+    rate, base = video.average_rate, video.time_base
+    step = round(1 / (rate * base)) if rate and base else 0
+    for target in (start.key, start.key - _REORDER_STEPS * step):
+        container.seek(target, stream=video)
+        stamp = next((packet.pts for packet in container.demux(video)), None)
+        if stamp is not None and stamp <= start.key:
+            container.seek(target, stream=video)
+            return
+    container.seek(min(video.start_time or 0, 0), stream=video)
+
+
 def _finish(decoder: av.VideoCodecContext) -> None:
     """Waits until the decoder's threads are idle.
 
@@ -88,13 +136,15 @@ def _finish(decoder: av.VideoCodecContext) -> None:
             decoder.decode(None)
 
 
-def read_pictures(path: Path) -> Generator[av.VideoFrame]:
+def read_pictures(path: Path, start: Start | None = None) -> Generator[av.VideoFrame]:
     """The decoded pictures of a file in the order they are shown.
 
     Parameters
     ----------
     path
         A video file.
+    start
+        Picture to begin with; the first one when left out.
 
     Yields
     ------
@@ -120,7 +170,8 @@ def read_pictures(path: Path) -> Generator[av.VideoFrame]:
     """
     damage: DecodeStop
     with open_stream(path) as (container, video):
-        first = _Pass(container, video, path)
+        first = _Pass(container, video, path, start=start)
+        first.seek()
         try:
             yield from first.pictures()
         except DecodeStop as stop:
@@ -130,7 +181,7 @@ def read_pictures(path: Path) -> Generator[av.VideoFrame]:
         else:
             return
     with open_stream(path, threads=False) as (container, video):
-        again = _Pass(container, video, path, earlier=first)
+        again = _Pass(container, video, path, start=start, earlier=first)
         try:
             again.seek()
         except av.FFmpegError:
@@ -149,8 +200,10 @@ class _Pass:
         video: av.VideoStream,
         path: Path,
         *,
+        start: Start | None = None,
         earlier: "_Pass | None" = None,
     ) -> None:
+        self._start = start
         self._container = container
         self._video = video
         self._path = path
@@ -171,11 +224,12 @@ class _Pass:
         self._ended = False
 
     def seek(self) -> None:
-        """Move to the group of pictures that holds the last sound picture of the earlier run."""
-        if self._first is not None and self._last is not None:
-            target = self._last - _REORDER_STEPS * self._step
-            if target > self._first:
-                self._container.seek(target, stream=self._video)
+        """Move to where this run begins: the group of pictures that holds the last sound picture of the earlier run."""
+        target = None if self._last is None else self._last - _REORDER_STEPS * self._step
+        if self._start is not None and (target is None or target < self._start.key):
+            seek_key(self._container, self._video, self._start)
+        elif target is not None and self._first is not None and target > self._first:
+            self._container.seek(target, stream=self._video)
 
     def pictures(self) -> Generator[av.VideoFrame]:
         """The pictures of this run; it ends with `DecodeStop` where the file does not end well."""
@@ -238,6 +292,8 @@ class _Pass:
                     "its frames as images with their fps",
                 )
             lost = self._check_off(stamp)
+            if self._start is not None and stamp < self._start.stamp:
+                continue
             if self._earlier is not None and self._last is not None and stamp <= self._last:
                 self._joined = self._joined or stamp == self._last
                 continue

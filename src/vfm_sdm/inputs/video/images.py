@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.numbering import read_numbering
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, RgbArray, VideoInfo
 from vfm_sdm.inputs.video.region import Region
 
-__all__ = ["ImageSource", "find_images"]
+__all__ = ["ImageSource", "find_files", "find_images"]
 
 _JPEG = b"\xff\xd8"
 _TIFF = (b"II", b"MM")
@@ -70,8 +70,45 @@ class ImageSource:
             remarks=sequence.remarks,
         )
 
+    begins_s = 0.0
+
+    def clock(self) -> FloatArray:
+        """Times of all images from the first one, shape (T,) [s]."""
+        return np.array(self._ticks) / self._fps
+
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The image itself.
+
+        Parameters
+        ----------
+        number
+            Number of the image.
+        frames
+            Number of images that may be decoded for it.
+        """
+        return number
+
+    def compressed_from(self, number: int) -> tuple[Path, None]:
+        """The file of an image.
+
+        Parameters
+        ----------
+        number
+            Number of the image.
+        """
+        return self._files[number], None
+
     def stream(self) -> Generator[Frame]:
-        """A fresh pass over the images, in order, numbered from 0.
+        """A fresh pass over the images, in order, numbered from 0; see `stream_from`."""
+        return self.stream_from(0)
+
+    def stream_from(self, first: int) -> Generator[Frame]:
+        """A pass that begins with a later image; numbers and times are those of a whole pass.
+
+        Parameters
+        ----------
+        first
+            Number of the image.
 
         Raises
         ------
@@ -81,7 +118,7 @@ class ImageSource:
             An image has another size or bit depth than the first.
         """
         expected = (self.info.height, self.info.width, self.info.bit_depth)
-        for index, (path, tick) in enumerate(zip(self._files, self._ticks, strict=True)):
+        for index, (path, tick) in list(enumerate(zip(self._files, self._ticks, strict=True)))[first:]:
             image, in_color = _read_image(path)
             found = (*image.shape[:2], 8 * image.dtype.itemsize)
             if found != expected:
@@ -117,6 +154,24 @@ def find_images(pattern: str) -> list[Path]:
     ...     print([path.name for path in find_images(f"{folder}/img*.png")])
     ['img1.png', 'img2.png', 'img10.png']
     """
+    return find_files(pattern, "image")
+
+
+def find_files(pattern: str, kind: str) -> list[Path]:
+    """Paths of the files that match a pattern, in natural order.
+
+    Parameters
+    ----------
+    pattern
+        As of `find_images`.
+    kind
+        What the files are, in messages.
+
+    Raises
+    ------
+    VideoError
+        No file matches.
+    """
     parts = Path(pattern).parts
     folder = Path()
     while parts and (folder / parts[0]).exists():
@@ -126,7 +181,7 @@ def find_images(pattern: str) -> list[Path]:
     files = sorted((path for path in matches if path.is_file() and path.name[0] != "."), key=_natural_key)
     if not files:
         raise VideoError(
-            f"{pattern}: expected image files, got no match; check the folder and the pattern (left/*.jpg)"
+            f"{pattern}: expected {kind} files, got no match; check the folder and the pattern (such as left/*.jpg)"
         )
     return files
 

@@ -13,7 +13,9 @@ from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import DatasetError, VideoError
 from vfm_sdm.inputs.video.clock import count_dropped
 from vfm_sdm.inputs.video.container import ContainerSource
+from vfm_sdm.inputs.video.decoder import Start
 from vfm_sdm.inputs.video.images import ImageSource
+from vfm_sdm.inputs.video.parts import IntervalSource, JoinedSource, SeekableSource
 from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
 from vfm_sdm.inputs.video.repeats import FrameChanges
 
@@ -122,6 +124,20 @@ class Video:
                 waiting = False
         if waiting:
             yield self._frame(also)  # which says what is wrong
+
+    def compressed_from(self) -> tuple[Path, Start | None]:
+        """File that holds the first frame, and where in it; ``None`` where that is its beginning.
+
+        Raises
+        ------
+        VideoError
+            The frames do not come from a file.
+        """
+        begins = getattr(self._source, "compressed_from", None)
+        if begins is None:
+            raise VideoError(f"{self.info.source}: expected a video file, got {self.info.codec}; give the recording")
+        found: tuple[Path, Start | None] = begins(0)
+        return found
 
     def first_frame(self) -> Frame:
         """The first frame; `report` stays as it is.
@@ -237,34 +253,45 @@ class _Tally:
         return DecodeReport(self.frames, self._duplicated, dropped, status, "; ".join(words), alike)
 
 
-def open_video(path: str | Path, *, capture_fps: float | None = None) -> Video:
+def open_video(
+    *path: str | Path, capture_fps: float | None = None, use_s: tuple[float, float | None] | None = None
+) -> Video:
     """The video in a file: H.264, HEVC or whatever else FFmpeg decodes, in mp4, mov, mkv and the like.
 
     Parameters
     ----------
-    path
-        The file. Its first frame is decoded here, to know that it can be used.
+    *path
+        The file, or the chapters of one recording in their order. The first frame of each is decoded here, to know that
+        it can be used.
     capture_fps
         Frames a second that the camera took, where the file is stored at another rate; what the file's metadata say
         when left out [1/s].
+    use_s
+        Beginning and end of the interval that is used, from the first frame [s]; ``None`` is the end.
 
     Raises
     ------
     DatasetError
         ``capture_fps`` is not positive.
     VideoError
-        The file is missing or empty, is not a video, holds no decodable frame, has no time stamps, or is to be shown
-        mirrored or at an angle other than 0, 90, 180 or 270 degrees.
+        A file is missing or empty, is not a video, holds no decodable frame, has no time stamps, or is to be shown
+        mirrored or at an angle other than 0, 90, 180 or 270 degrees; chapters are not of one recording; or there is no
+        frame in the interval.
     """
     if capture_fps is not None and not (math.isfinite(capture_fps) and capture_fps > 0):
         raise DatasetError(
             f"capture_fps: expected a positive number of frames a second, got {capture_fps}; leave it out where the "
             "file's own time stamps are right"
         )
-    return Video(ContainerSource(Path(path), capture_fps=capture_fps))
+    sources = [ContainerSource(Path(one), capture_fps=capture_fps) for one in path]
+    return _use(sources[0] if len(sources) == 1 else JoinedSource(sources), use_s)
 
 
-def open_images(pattern: str | Path, fps: float) -> Video:
+def _use(source: SeekableSource, use_s: tuple[float, float | None] | None) -> Video:
+    return Video(source if use_s is None else IntervalSource(source, *use_s))
+
+
+def open_images(pattern: str | Path, fps: float, *, use_s: tuple[float, float | None] | None = None) -> Video:
     """The images that match a pattern, in natural order, a constant time apart.
 
     Parameters
@@ -273,13 +300,15 @@ def open_images(pattern: str | Path, fps: float) -> Video:
         JPEG, PNG or TIFF files of 8 or 16 bits, such as ``left/*.jpg``.
     fps
         Images a second [1/s].
+    use_s
+        Beginning and end of the interval that is used, from the first image [s]; ``None`` is the end.
 
     Raises
     ------
     DatasetError
         ``fps`` is not positive.
     VideoError
-        No file matches, or the first one cannot be used.
+        No file matches, the first one cannot be used, or there is no image in the interval.
 
     Examples
     --------
@@ -294,7 +323,7 @@ def open_images(pattern: str | Path, fps: float) -> Video:
     """
     if not (math.isfinite(fps) and fps > 0):
         raise DatasetError(f"fps: expected a positive number of images a second, got {fps}; give the camera's rate")
-    return Video(ImageSource(str(pattern), float(fps)))
+    return _use(ImageSource(str(pattern), float(fps)), use_s)
 
 
 def _format_claim(info: VideoInfo) -> str:

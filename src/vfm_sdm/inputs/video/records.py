@@ -54,6 +54,8 @@ class VideoInfo:
     """Sentences on what is unusual about the recording and was allowed for."""
     doubts: tuple[str, ...] = ()
     """Sentences on what may be wrong with it and cannot be mended."""
+    size_bytes: int | None = None
+    """Size of the compressed data, as far as the file tells; ``None`` of images [byte]."""
     camera: CameraTags = field(default_factory=CameraTags)
     """What the file says of the camera."""
 

@@ -105,6 +105,7 @@ def describe_measurement(
     return {
         "status": cameras.status,
         "audit": None if audit is None else audit.as_table(),
+        "scale": None if audit is None or audit.scale is None else audit.scale.as_table(),
         "notes": [*subset_notes(tracks), *cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
         "points": {} if displacement is None else summarize_displacement(displacement),
         "frame": None if displacement is None else displacement.attrs["frame"],

@@ -28,7 +28,8 @@ def audit(inputs: AuditInputs) -> Audit:
     """
     views = len(inputs.session.view)
     found = (_run_check(name, inputs, views) for name in part_names("checks"))
-    return Audit(tuple(check for check in found if check is not None), views)
+    checks = tuple(check for check in found if check is not None)
+    return Audit(checks, views, inputs.scale if views > 1 else None)
 
 
 def _run_check(name: str, inputs: AuditInputs, views: int) -> AuditCheck | None:

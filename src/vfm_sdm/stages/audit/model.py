@@ -13,6 +13,7 @@ from vfm_sdm.core.covariances import edges_across, measured_variance
 from vfm_sdm.core.statuses import Outcome, PointStatus, Verdict
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
+from vfm_sdm.stages.audit.scale_budget import ScaleBudget, weigh_scale
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
@@ -95,6 +96,8 @@ class Audit:
         Results of the checks.
     views
         Number of views that were measured with.
+    scale
+        How well the scale is known, and by what; ``None`` where nobody knows, and of a single view.
 
     Examples
     --------
@@ -105,6 +108,7 @@ class Audit:
 
     checks: tuple[AuditCheck, ...]
     views: int = 2
+    scale: ScaleBudget | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -211,6 +215,11 @@ class AuditInputs:
         if unknown:
             raise DatasetError(f"audit: expected products of {known}, got {unknown}; correct their names")
         self.given = dict(products)
+
+    @cached_property
+    def scale(self) -> ScaleBudget | None:
+        """How well the scale is known, and by what; ``None`` where nobody knows."""
+        return weigh_scale(self)
 
     @property
     def moving(self) -> list[str]:

@@ -180,7 +180,8 @@ def _spread(adjusted: SiteAdjustment, rivals: Sequence[SiteAdjustment]) -> SiteA
     for weight, rival in zip(weights[1:], rivals, strict=True):
         away = _compare(rival, adjusted)
         covariance = covariance + weight * (rival.covariance + np.outer(away, away))
-    widened = _with_covariance(adjusted, covariance)
+    own = tuple(replace(one, factor=np.sqrt(weights[0]) * one.factor) for one in adjusted.contributions)
+    widened = replace(_with_covariance(adjusted, covariance), contributions=own)
     notes = (*adjusted.notes, *(_describe(adjusted, rival) for rival in rivals))
     status = CameraStatus.SEVERAL if adjusted.status == CameraStatus.OK else adjusted.status
     return replace(widened, status=status, notes=notes)

@@ -19,6 +19,7 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.inputs.session import Readings, Site
+from vfm_sdm.stages.cameras.contributions import Contribution, list_contributions
 from vfm_sdm.stages.cameras.culprits import AS_PROBABLE, CULPRIT_STD, Suspect, list_suspects
 from vfm_sdm.stages.cameras.site_cameras import DISTANCE
 from vfm_sdm.stages.cameras.site_minimum import minimize_from_starts
@@ -128,6 +129,8 @@ class SiteAdjustment:
         Sum of all squared residuals over their standard deviations, priors included [1].
     suspects
         What was stated and is most probably wrong, the first first; empty where nothing contradicts.
+    contributions
+        What every statement and kind of observation contributes to the covariance.
     """
 
     rig: Rig
@@ -139,6 +142,7 @@ class SiteAdjustment:
     epipolar_rms_px: float
     cost: float
     suspects: tuple[Suspect, ...] = ()
+    contributions: tuple[Contribution, ...] = ()
 
 
 def adjust_to_site(
@@ -192,7 +196,8 @@ def adjust_to_site(
     jacobian = np.asarray(solution.jac)
     whitened = np.linalg.inv(jacobian.T @ jacobian)
     rig = problem.rig(solution.x)
-    joint = _compute_covariance(problem, solution.x, whitened)
+    derivative = _differentiate_results(problem, solution.x)
+    joint = np.asarray(derivative @ whitened @ derivative.T)
     count = len(CAMERA_PARAMETERS) * len(rig)
     metric = rig.metric or site.baseline is not None
     rotation = problem.structure_rotation(solution.x)
@@ -202,7 +207,9 @@ def adjust_to_site(
     suspects = _find_culprits(problem, solution)
     status, notes = _judge(quantities, problem, suspects, bool(solution.success))
     rms = problem.epipolar_rms(solution.x)
-    return SiteAdjustment(rig, frame, joint, quantities, status, notes, rms, 2 * float(solution.cost), suspects)
+    contributions = list_contributions(problem.sources(), jacobian, derivative @ whitened)
+    cost = 2 * float(solution.cost)
+    return SiteAdjustment(rig, frame, joint, quantities, status, notes, rms, cost, suspects, contributions)
 
 
 def _find_culprits(problem: SiteProblem, solution: OptimizeResult) -> tuple[Suspect, ...]:
@@ -214,8 +221,8 @@ def _find_culprits(problem: SiteProblem, solution: OptimizeResult) -> tuple[Susp
     return tuple(one for one in suspects if one.rank > suspects[0].rank - AS_PROBABLE)
 
 
-def _compute_covariance(problem: SiteProblem, solution: FloatArray, whitened: FloatArray) -> FloatArray:
-    """Covariance of rig parameters and axes rotation, relative to the solution, by central differences."""
+def _differentiate_results(problem: SiteProblem, solution: FloatArray) -> FloatArray:
+    """Change of rig parameters and axes rotation with whitened parameters at the solution, by central differences."""
     centre_rig, centre_axes = problem.rig(solution), problem.structure_rotation(solution)
 
     def outputs(z: FloatArray) -> FloatArray:
@@ -226,8 +233,7 @@ def _compute_covariance(problem: SiteProblem, solution: FloatArray, whitened: Fl
     columns = []
     for axis in np.eye(problem.size) * step:
         columns.append((outputs(solution + axis) - outputs(solution - axis)) / (2 * step))
-    jacobian = np.stack(columns, axis=1)
-    return np.asarray(jacobian @ whitened @ jacobian.T)
+    return np.stack(columns, axis=1)
 
 
 def compare_rigs(rig: Rig, base_rig: Rig) -> FloatArray:

@@ -16,7 +16,7 @@ from vfm_sdm.inputs.session import Lines, Site
 from vfm_sdm.stages.cameras.edge_axes import EdgeAxes
 from vfm_sdm.stages.cameras.site_values import AdjustedValue
 
-__all__ = ["AxesParameters", "AxesValues"]
+__all__ = ["OFF_FACE", "AxesParameters", "AxesValues"]
 
 _UNSTATED_LEVEL_STD = np.radians(1.0)
 """Standard deviation of pitch and roll without a level reading: a tripod head set by eye [rad]."""
@@ -27,6 +27,8 @@ _OFF_SQUARE = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 """Axis of an edge, and axis towards which it is off its own."""
 _LEVEL = ("pitch reference camera", "roll reference camera")
 _DISTANCES = ("perpendicular distance", "longitudinal distance")
+_AXES_OF_EDGES = "axes before the edges"
+OFF_FACE = "points off the face"
 _DISTANCES_END = 6
 _NOT_SQUARE = (
     "expected edges at right angles, got others, do: state out_of_square_std_deg as large as the structure has it, or "
@@ -124,6 +126,12 @@ class AxesParameters:
     def size(self) -> int:
         """Number of parameters."""
         return int(self.std.size)
+
+    @property
+    def sources(self) -> list[str]:
+        """What each whitened parameter belongs to, shape (size,)."""
+        names = [*_LEVEL, *_DISTANCES, OFF_FACE, OFF_FACE, _AXES_OF_EDGES, "out of plumb", "out of plumb"]
+        return [*names, *["out of square"] * len(_OFF_SQUARE)][: self.size]
 
     def values(self, part: FloatArray) -> AxesValues:
         """Values at whitened parameters.

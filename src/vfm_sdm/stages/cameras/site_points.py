@@ -1,6 +1,6 @@
 """Named points of the site adjustment: where the views see them is a parameter with a prior."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -57,9 +57,12 @@ class PointParameters:
                 f"site: expected pixels in every view for points {missing}, got none; check that they were found"
             )
         self.names = sorted({*wanted, *on_face})
-        self._points = [points[name] for name in self.names]
+        chosen = [points[name] for name in self.names]
+        self._pixels = np.array([one.pixels for one in chosen])
+        self._std_px = np.array([one.std_px for one in chosen])
         self.per_point = 2 * views
         self.size = self.per_point * len(self.names)
+        self._last: tuple[FloatArray, Rig | None, FloatArray] = (np.empty(0), None, np.empty((0, 3)))
 
     def triangulate(self, part: FloatArray, rig: Rig) -> dict[str, FloatArray]:
         """Points in the reference camera's frame, shape (3,) each [m].
@@ -73,7 +76,42 @@ class PointParameters:
         """
         if not self.names:
             return {}
-        errors = part.reshape(len(self.names), len(rig), 2)
-        pixels = np.stack([one.pixels for one in self._points])
-        pixels = pixels + np.stack([one.std_px for one in self._points]) * errors
-        return dict(zip(self.names, triangulate(pixels.swapaxes(0, 1), rig), strict=True))
+        # Axes move no point: most derivatives ask for the same ones again.
+        last_part, last_rig, places = self._last
+        if rig is not last_rig or not np.array_equal(part, last_part):
+            places = self._triangulate_all(part.reshape(self._std_px.shape), rig)
+            self._last = (part.copy(), rig, places)
+        return self._named(places)
+
+    def triangulate_shifted(self, part: FloatArray, rig: Rig, step: float) -> Iterator[dict[str, FloatArray]]:
+        """Points as they are, then with one pixel error after the other larger by a step.
+
+        Parameters
+        ----------
+        part, rig
+            As of `triangulate`.
+        step
+            Change of a whitened pixel error [1].
+
+        Yields
+        ------
+        points
+            As of `triangulate`, once and then for each of the `size` parameters.
+        """
+        # An error moves its own point alone: the same one of all points is shifted in one go.
+        shifts = np.concatenate([np.zeros((1, self.per_point)), step * np.eye(self.per_point)])
+        shifted = part.reshape(self._std_px.shape) + shifts.reshape(-1, 1, *self._std_px.shape[1:])
+        base, *moved = self._triangulate_all(shifted, rig)
+        yield self._named(base)
+        for point in range(len(self.names)):
+            for places in moved:
+                points = base.copy()
+                points[point] = places[point]
+                yield self._named(points)
+
+    def _triangulate_all(self, errors: FloatArray, rig: Rig) -> FloatArray:
+        """Points with whitened pixel errors, shape (..., P, V, 2) [1], shape (..., P, 3) [m]."""
+        return triangulate(np.moveaxis(self._pixels + self._std_px * errors, -2, 0), rig)
+
+    def _named(self, places: FloatArray) -> dict[str, FloatArray]:
+        return dict(zip(self.names, places, strict=True))

@@ -1,6 +1,7 @@
 """Observation equations of the site adjustment: parameters, priors and residuals."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,14 +13,14 @@ from vfm_sdm.stages.cameras.culprits import Claim
 from vfm_sdm.stages.cameras.edge_axes import find_edge_axes
 from vfm_sdm.stages.cameras.edge_groups import group_edges
 from vfm_sdm.stages.cameras.match_cells import MatchNoise
-from vfm_sdm.stages.cameras.site_axes import AXES, AxesParameters, AxesValues
+from vfm_sdm.stages.cameras.site_axes import AXES, OFF_FACE, AxesParameters, AxesValues
 from vfm_sdm.stages.cameras.site_cameras import list_distances, list_focal_claims, list_intrinsics
 from vfm_sdm.stages.cameras.site_face import FacePlace, FaceRelief
 from vfm_sdm.stages.cameras.site_lines import EdgeResiduals
 from vfm_sdm.stages.cameras.site_matches import MatchResiduals
 from vfm_sdm.stages.cameras.site_points import PointParameters
 from vfm_sdm.stages.cameras.site_values import AdjustedValue, SitePoint, SiteState, list_measured
-from vfm_sdm.stages.cameras.whitening import RigParameters, differentiate, differentiate_centrally
+from vfm_sdm.stages.cameras.whitening import STEP, RigParameters, differentiate, differentiate_centrally
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.straight_edges import StraightEdges
 
@@ -190,7 +191,7 @@ class SiteProblem:
             parts.append(differentiate_centrally(self._compute_surface_residuals, z, moving))
         if self._edges.size:
             parts.append(differentiate(self._compute_edge_residuals, z, moving, step=_EDGE_STEP))
-        parts.append(differentiate(self._compute_site_residuals, z, self.size))
+        parts.append(self._differentiate_site(z, moving))
         return np.concatenate([np.pad(part, ((0, 0), (0, self.size - part.shape[1]))) for part in parts])
 
     def quantities(self, z: FloatArray) -> list[AdjustedValue]:
@@ -242,6 +243,21 @@ class SiteProblem:
         for number, one in enumerate(measured, start=first):
             found.append(Claim(one.name, one.units, one.prior, one.prior_std, eye[:, [number]]))
         found += [self._claim_of_point(name, eye, first + len(measured)) for name in self._points.names]
+        return found
+
+    def sources(self) -> dict[str, list[int]]:
+        """Numbers of all residuals by what they are of: every statement and kind of observation."""
+        start = np.zeros(self.size)
+        pixels = (self._compute_pair_residuals(start), self._compute_shared_residuals(start))
+        names = ["matches"] * sum(map(len, pixels))
+        names += [OFF_FACE] * len(self._compute_surface_residuals(start))
+        names += ["edges"] * len(self._compute_edge_residuals(start))
+        names += [one.name for one in list_measured(self._state(start), self._site, self._readings)]
+        names += [OFF_FACE] * len(self._face.names)
+        found = self._lenses_and_poses.sources()
+        named = [*self._axes.sources, *["places of the points"] * self._points.size, *names]
+        for index, name in enumerate(named, start=self._rig_size):
+            found.setdefault(name, []).append(index)
         return found
 
     def _claim_of_point(self, name: str, eye: FloatArray, first: int) -> Claim:
@@ -346,7 +362,19 @@ class SiteProblem:
 
     def _compute_site_residuals(self, z: FloatArray) -> FloatArray:
         """Residuals of everything measured on site over their standard deviations, and of points on the face."""
-        state = self._state(z)
+        return self._compare_with_site(self._state(z), self._face_place(z))
+
+    def _compare_with_site(self, state: SiteState, place: FacePlace) -> FloatArray:
         measured = [(q.value - q.prior) / q.prior_std for q in list_measured(state, self._site, self._readings)]
-        on_face = self._face.residuals_of_points(self._face_place(z), state.points)
+        on_face = self._face.residuals_of_points(place, state.points)
         return np.concatenate([np.asarray(measured, dtype=np.float64), on_face])
+
+    def _differentiate_site(self, z: FloatArray, moving: int) -> FloatArray:
+        """Derivative of `_compute_site_residuals`; pixels of points move the points alone, all at once."""
+        parts = [differentiate(self._compute_site_residuals, z, moving)]
+        if self._points.size:
+            state, place = self._state(z), self._face_place(z)
+            shifted = self._points.triangulate_shifted(z[moving:], place.rig, STEP)
+            changed = [self._compare_with_site(replace(state, points=points), place) for points in shifted]
+            parts.append((np.stack(changed[1:], axis=1) - changed[0][:, None]) / STEP)
+        return np.concatenate(parts, axis=1)

@@ -1,25 +1,26 @@
 """Result of the camera stage: adjusted cameras, axes and the points' places in every view; ``cameras.toml``."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import tomli_w
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.core.datasets import make_points
 from vfm_sdm.core.files import write_file
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
+from vfm_sdm.stages.cameras.contributions import Contribution
 from vfm_sdm.stages.cameras.culprits import Suspect
 from vfm_sdm.stages.cameras.file import read_rig, write_rig
-from vfm_sdm.stages.cameras.site import SiteQuantity
+from vfm_sdm.stages.cameras.site import SiteAdjustment, SiteQuantity
 
 __all__ = ["CameraSolution", "read_solution", "write_solution"]
 
@@ -38,7 +39,7 @@ class CameraSolution:
         Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when unknown.
     points
         Points dataset: pixels in the first frame of every view, shape (V, P, 2) [px], and why one is missing.
-    quantities, status, notes, epipolar_rms_px, suspects
+    quantities, status, notes, epipolar_rms_px, suspects, contributions
         As in `vfm_sdm.stages.cameras.site.SiteAdjustment`.
     """
 
@@ -51,6 +52,31 @@ class CameraSolution:
     notes: tuple[str, ...] = ()
     epipolar_rms_px: float = field(default=float("nan"))
     suspects: tuple[Suspect, ...] = ()
+    contributions: tuple[Contribution, ...] = ()
+
+    @classmethod
+    def of(cls, adjusted: SiteAdjustment, points: xr.Dataset) -> Self:
+        """The solution that an adjustment gives.
+
+        Parameters
+        ----------
+        adjusted
+            Cameras adjusted to the site.
+        points
+            Points dataset: pixels in the first frame of every view, shape (V, P, 2) [px].
+        """
+        return cls(
+            adjusted.rig,
+            adjusted.frame,
+            adjusted.covariance,
+            points,
+            quantities=adjusted.quantities,
+            status=adjusted.status,
+            notes=adjusted.notes,
+            epipolar_rms_px=adjusted.epipolar_rms_px,
+            suspects=adjusted.suspects,
+            contributions=adjusted.contributions,
+        )
 
 
 def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path:
@@ -80,6 +106,7 @@ def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path
         "point_status": _by_view(solution.points["status"]),
         "quantity": [asdict(q) for q in solution.quantities],
         "suspect": [asdict(one) for one in solution.suspects],
+        "contribution": {one.source: one.factor.tolist() for one in solution.contributions},
     }
     if solution.frame is not None:
         site["structure_from_cam1"] = solution.frame.rotation.tolist()
@@ -129,6 +156,7 @@ def read_solution(path: Path | str) -> tuple[CameraSolution, str]:
             notes=tuple(site["notes"]),
             epipolar_rms_px=site["epipolar_rms_px"],
             suspects=tuple(Suspect(**one) for one in site.get("suspect", [])),
+            contributions=tuple(Contribution(*one) for one in _factors(site.get("contribution", {}))),
         )
     except FileNotFoundError as error:
         raise ResultsError(f"{file}: expected cameras.toml, got no such file; run `vfm-sdm cameras` first") from error
@@ -137,6 +165,11 @@ def read_solution(path: Path | str) -> tuple[CameraSolution, str]:
             f"{file}: expected a file written by `vfm-sdm cameras`, got {error}; delete it and run the stage again"
         ) from error
     return solution, str(site.get("key", ""))
+
+
+def _factors(tables: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray]]:
+    for source, factor in tables.items():
+        yield source, as_float_array(factor, f"contribution of {source}", (None, None))
 
 
 def _by_view(variable: xr.DataArray) -> dict[str, dict[str, Any]]:

@@ -95,17 +95,11 @@ def solve_cameras(
         *([] if known else [_NO_COVARIANCE]),
         *_list_missing(points),
     ]
-    return CameraSolution(
-        adjusted.rig if known else replace(adjusted.rig, covariance=None),
-        adjusted.frame,
-        adjusted.covariance if known else None,
-        points,
-        quantities=adjusted.quantities,
-        status=adjusted.status if estimate.status == CameraStatus.OK else estimate.status,
-        notes=tuple(notes),
-        epipolar_rms_px=adjusted.epipolar_rms_px,
-        suspects=adjusted.suspects,
-    )
+    status = adjusted.status if estimate.status == CameraStatus.OK else estimate.status
+    solution = replace(CameraSolution.of(adjusted, points), status=status, notes=tuple(notes))
+    if known:
+        return solution
+    return replace(solution, rig=replace(adjusted.rig, covariance=None), covariance=None, contributions=())
 
 
 def _find_edges(session: Session, frames: FirstFrames) -> tuple[StraightEdges, ...]:

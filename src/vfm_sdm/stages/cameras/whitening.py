@@ -1,6 +1,7 @@
 """Whitened parameters and robust residuals of the site adjustment, and their derivatives."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -8,13 +9,27 @@ from scipy.linalg import cholesky
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 
-__all__ = ["OUTLIER", "ROBUST_STD", "RigParameters", "bend", "differentiate", "differentiate_centrally", "factor_prior"]
+__all__ = [
+    "OUTLIER",
+    "ROBUST_STD",
+    "STEP",
+    "RigParameters",
+    "bend",
+    "differentiate",
+    "differentiate_centrally",
+    "factor_prior",
+]
 
 ROBUST_STD = 3.0
 """Residual over its standard deviation from which the loss grows linearly [1]."""
 OUTLIER = 1e3
 """Residual of what has no value [standard deviations]."""
+STEP = 1e-8
+"""Of a derivative by forward differences [1]."""
 _RIGS_KEPT = 64
+_LENS = "principal point and distortion"
+_SOURCES = {"log_focal": "focal", "cx": _LENS, "cy": _LENS, "k1": _LENS}
+"""What a parameter of the rig belongs to; the others are the pose's."""
 _FOCAL_REACH = 3.0
 """Largest change of a logarithm of a focal length that distortion follows: a factor of twenty is only a trial step."""
 
@@ -38,6 +53,9 @@ class RigParameters:
     def __init__(self, start: Rig) -> None:
         self._start = start
         self._rigs: dict[bytes, Rig] = {}
+        # Most steps of a derivative move one camera alone.
+        self._cameras = list(start.cameras)
+        self._steps = np.zeros((len(start), len(CAMERA_PARAMETERS)))
         self.factor = factor_prior(np.asarray(start.covariance))
         self.size = self.factor.shape[1]
 
@@ -54,8 +72,22 @@ class RigParameters:
         if key not in self._rigs:
             if len(self._rigs) >= _RIGS_KEPT:
                 self._rigs.clear()
-            self._rigs[key] = self._start.perturbed(self._step_to(inner))
+            for view, step in enumerate(self._step_to(inner).reshape(self._steps.shape)):
+                if not np.array_equal(step, self._steps[view]):
+                    self._cameras[view] = self._start.cameras[view].perturbed(step)
+                    self._steps[view] = step
+            self._rigs[key] = replace(self._start, cameras=tuple(self._cameras))
         return self._rigs[key]
+
+    def sources(self) -> dict[str, list[int]]:
+        """Whitened parameters by what was stated of them: the lens of each view, and its pose where it has a prior."""
+        covariance, count = np.asarray(self._start.covariance), len(CAMERA_PARAMETERS)
+        free = np.flatnonzero(np.diag(covariance) > 0)
+        found: dict[str, list[int]] = {}
+        for index, parameter in enumerate(free):
+            view, kind = self._start.names[parameter // count], CAMERA_PARAMETERS[parameter % count]
+            found.setdefault(f"{_SOURCES.get(kind, 'pose')} {view}", []).append(index)
+        return found
 
     def _step_to(self, inner: FloatArray) -> FloatArray:
         """Change of the rig's parameters, shape (10 V,); that of the distortion keeps its pixels.
@@ -98,7 +130,7 @@ def bend(scaled: FloatArray) -> FloatArray:
 
 
 def differentiate(
-    function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int, *, step: float = 1e-8
+    function: Callable[[FloatArray], FloatArray], z: FloatArray, count: int, *, step: float = STEP
 ) -> FloatArray:
     """Derivative with respect to the first ``count`` parameters by forward differences, shape (residuals, count).
 

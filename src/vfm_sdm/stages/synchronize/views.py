@@ -47,7 +47,7 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: 
     DatasetError
         The recordings do not overlap.
     """
-    stated = {view.name: session.stated_offset_s(view) or 0.0 for view in session.view}
+    stated = {view.name: _find_stated_s(session, view) for view in session.view}
     found: dict[str, Synchronization] = {}
     moving = [p.name for p in session.point if not p.static]
     if session.method.synchronization == "motion" and moving:
@@ -76,6 +76,12 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: 
         clock_use=(("view", "point"), _list_uses(session, found, moving)),
         bits_per_pixel=("view", [_bits_per_pixel(tracks[name]) for name in stated], {"units": "1"}),
     )
+
+
+def _find_stated_s(session: Session, view: View) -> float:
+    """Offset of a view as stated; where nothing is, recordings begin together [s]."""
+    stated_s = session.stated_offset_s(view)
+    return session.later_use_s(view) if stated_s is None else stated_s
 
 
 def _offset_std(session: Session, view: View, found: Synchronization | None) -> float:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -143,6 +142,5 @@ def _named(progress: Progress | None, view: str) -> Progress | None:
 
 def _bits_per_pixel(video: Video) -> float:
     """Size of a video's file over the pixels it holds; NaN for images."""
-    source = Path(video.info.source)
     pixels = video.info.width * video.info.height * max(video.report.frames, 1)
-    return 8 * source.stat().st_size / pixels if source.is_file() else float("nan")
+    return float("nan") if video.info.size_bytes is None else 8 * video.info.size_bytes / pixels

@@ -8,6 +8,7 @@ import tomli_w
 
 from vfm_sdm.core.files import write_file, write_json
 from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.threads import small_algebra
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.studies.planning.advice import Advice, list_advice, view_angles
 from vfm_sdm.studies.planning.drawing import draw_site
@@ -91,10 +92,11 @@ def study_plan(plan: Plan, *, films: Path | None = None, progress: Progress | No
     SessionError
         Two cameras do not see every point of the structure, or nowhere in the area do they.
     """
-    prediction = predict(plan)
-    shares = tuple(list_shares(prediction))
-    advice = tuple(list_advice(prediction, progress=progress))
-    positions = None if plan.area is None else optimise_positions(prediction, plan.area, progress=progress)
+    with small_algebra():
+        prediction = predict(plan)
+        shares = tuple(list_shares(prediction))
+        advice = tuple(list_advice(prediction, progress=progress))
+        positions = None if plan.area is None else optimise_positions(prediction, plan.area, progress=progress)
     rehearsal = None
     if films is not None:
         rehearsal = compare_rehearsal(prediction, rehearse_films(prediction.laid, films, progress=progress))

@@ -12,7 +12,6 @@ from vfm_sdm.core.datasets import Status, make_points, make_tracks
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.measurement import Measurement
-from vfm_sdm.stages.cameras.priors import CameraPriors
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.cameras.solution import CameraSolution
@@ -50,13 +49,7 @@ _TEXTURE_PX = 3.0
 _SEED = 14
 
 
-def adjust(
-    laid: Layout,
-    matches: Sequence[Matches],
-    *,
-    priors: CameraPriors | None = None,
-    pointed: float = 1.0,
-) -> SiteAdjustment:
+def adjust(laid: Layout, matches: Sequence[Matches]) -> SiteAdjustment:
     """The site adjustment of a plan, with exact values and their standard deviations.
 
     Parameters
@@ -65,15 +58,11 @@ def adjust(
         The plan.
     matches
         Of `list_matches`.
-    priors
-        Those of the plan, or others.
-    pointed
-        Factor of the standard deviation of the points' pixels [1].
     """
-    known = laid.priors if priors is None else priors
+    known = laid.priors
     session, pixels = laid.session, laid.pixels
     seen = {
-        one.name: SitePoint(at, SitePoint(at).std_px * pointed, not one.static)
+        one.name: SitePoint(at, on_face=not one.static)
         for one, at in zip(laid.plan.point, pixels.swapaxes(0, 1), strict=True)
         if np.isfinite(at).all(axis=1).sum() >= 2
     }
@@ -86,15 +75,13 @@ def adjust(
     return adjust_to_site(start, matches, session.site, seen, readings=readings)
 
 
-def list_matches(laid: Layout, *, wider: float = 1.0) -> list[Matches]:
+def list_matches(laid: Layout) -> list[Matches]:
     """Exact matches of every two views, on the face and on what lies behind it.
 
     Parameters
     ----------
     laid
         The plan.
-    wider
-        Factor of their standard deviation [1].
 
     Notes
     -----
@@ -107,7 +94,7 @@ def list_matches(laid: Layout, *, wider: float = 1.0) -> list[Matches]:
     with np.errstate(invalid="ignore"):
         seen = ((pixels >= 0) & (pixels <= sizes - 1)).all(axis=-1)
     seen &= np.stack([on_face | ~_behind_face(laid, scene, camera.center) for camera in laid.cameras])
-    stated = float(np.sqrt((wider * MATCH_STD_PX) ** 2 - _LEAST_MATCH_STD_PX**2))
+    stated = float(np.sqrt(MATCH_STD_PX**2 - _LEAST_MATCH_STD_PX**2))
     found = []
     for first in range(len(laid.cameras)):
         for second in range(first + 1, len(laid.cameras)):
@@ -260,16 +247,8 @@ def measure_exactly(laid: Layout, adjusted: SiteAdjustment, tracks: dict[str, xr
     std[0] = np.where(np.isfinite(pixels[0]), 0.0, np.nan)
     status = np.where(np.isfinite(pixels).all(axis=-1), PointStatus.OK, PointStatus.NOT_FOUND)
     names = [point.name for point in laid.plan.point]
-    solution = CameraSolution(
-        adjusted.rig,
-        adjusted.frame,
-        adjusted.covariance,
-        make_points(list(laid.priors.names), names, position=pixels, position_std=std, status=status),
-        quantities=adjusted.quantities,
-        status=adjusted.status,
-        notes=adjusted.notes,
-        epipolar_rms_px=adjusted.epipolar_rms_px,
-    )
+    places = make_points(list(laid.priors.names), names, position=pixels, position_std=std, status=status)
+    solution = CameraSolution.of(adjusted, places)
     displacement = Measurement(laid.session).given(cameras=solution, tracks=tracks, frames={}).displacement
     if displacement is None:
         raise DatasetError(f"plan: expected displacement, got none: {adjusted.status}; change the plan")

@@ -16,7 +16,7 @@ from vfm_sdm.core.statuses import CameraStatus, Outcome, Verdict
 from vfm_sdm.outputs.plots import plot_audit
 from vfm_sdm.stages.audit import Audit, AuditCheck
 from vfm_sdm.stages.audit.model import REQUIRED, AuditInputs, Limits, judge
-from vfm_sdm.stages.audit.scale import list_readings
+from vfm_sdm.stages.audit.scale_budget import weigh_scale
 
 NEVER_REFUSED = 0.02
 FOUND = 0.95
@@ -254,15 +254,29 @@ def test_a_length_brings_what_the_audit_says_that_it_would(seed):
     made = measured(without.session, without.tracks, without.solution)
     check = made.audit["scale"]
     assert check.outcome == Outcome.CAUTION
-    point = check.where.partition(" of ")[2]
     inputs = AuditInputs(session=without.session, cameras=without.solution, displacement=made.displacement)
-    said = {one.sentence: one.left for one in list_readings(inputs, point)}
+    said = {one.sentence: one.left for one in weigh_scale(inputs).readings}
     (length,) = [left for sentence, left in said.items() if "between 'p0' and 'p1'" in sentence]
     assert min(said.values()) < check.value
     assert f"to {100 * min(said.values()):.2g} %" in check.sentence
     with_length = simulate(seed, **GOOD, **known, length_std=0.005, length_error=0.0)
     after = audited(with_length)["scale"]
     assert after.value == pytest.approx(length, rel=0.25)
+
+
+def test_the_scale_says_what_it_rests_on_and_what_to_measure_next():
+    run = simulate(4, **GOOD, focal_std=0.05, focal_errors=(0.02, -0.01), range_std=None, length_std=None)
+    found = audited(run)
+    shares = found.scale.shares
+    assert sum(shares.values()) == pytest.approx(1)
+    assert next(iter(shares)).startswith("focal")
+    left = [one.left for one in found.scale.readings]
+    assert left == sorted(left)
+    table = found.scale.as_table()
+    assert table["measure_next"][0] == {"reading": found.scale.readings[0].sentence, "leaves": left[0]}
+    (line,) = [str(text) for text in audit_report(found) if " of p" in str(text) and "from" in str(text)]
+    assert next(iter(shares)) in line
+    assert f"To measure next: {found.scale.readings[0].sentence}" in line
 
 
 def test_the_fewer_the_frames_the_worse_the_verdict():

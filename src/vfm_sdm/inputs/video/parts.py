@@ -1,0 +1,310 @@
+"""Recordings made of others: an interval of one, and the chapters of which a camera writes one film."""
+
+from collections.abc import Generator, Sequence
+from contextlib import closing
+from dataclasses import replace
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.decoder import Start
+from vfm_sdm.inputs.video.records import DecodeStop, Frame, FrameSource, VideoInfo
+
+__all__ = ["IntervalSource", "JoinedSource", "SeekableSource"]
+
+_SAME_RATE = 1e-3
+_OWN_CLOCK_S = 1.0
+"""Difference of first stamps up to which both chapters begin a clock of their own [s]: encoders delay some frames."""
+_WITHIN_FRAME = 0.5
+"""Share of the time between two frames by which stamps of two files may miss each other and still go on [1]."""
+
+
+class SeekableSource(FrameSource, Protocol):
+    """A source of frames that can begin a pass anywhere."""
+
+    @property
+    def begins_s(self) -> float:
+        """Stamp of the first frame in the file's own time [s]."""
+        ...
+
+    def clock(self) -> FloatArray:
+        """Times of all frames from the first one, shape (T,) [s]."""
+        ...
+
+    def stream_from(self, first: int) -> Generator[Frame]:
+        """A pass that begins with a later frame; numbers and times are those of a whole pass."""
+        ...
+
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The frame itself, or the last one before it that comes with at most so many decoded frames."""
+        ...
+
+    def compressed_from(self, number: int) -> tuple[Path, Start | None]:
+        """The file that holds a frame, and where in it; ``None`` for its first one."""
+        ...
+
+
+class IntervalSource:
+    """Frames of an interval of a recording, numbered from 0, on a clock that begins with the interval.
+
+    Parameters
+    ----------
+    source
+        The whole recording.
+    from_s, to_s
+        Its beginning and end, from the recording's first frame [s]; frames at both are in it. ``None`` is the end.
+
+    Raises
+    ------
+    VideoError
+        The recording has no frame in the interval.
+    """
+
+    def __init__(self, source: SeekableSource, from_s: float, to_s: float | None) -> None:
+        self._source, self._from_s = source, from_s
+        clock = source.clock()
+        # Stamps are whole ticks: what somebody reads off a player may miss one by rounding.
+        near = 1e-6
+        self._first = int(np.searchsorted(clock, from_s - near))
+        end = len(clock) if to_s is None else int(np.searchsorted(clock, to_s + near, side="right"))
+        self._clock = clock[self._first : end] - from_s
+        last = float(clock[-1]) if len(clock) else 0.0
+        if not self._clock.size:
+            wanted = f"from {from_s:g} s on" if to_s is None else f"from {from_s:g} to {to_s:g} s"
+            raise VideoError(
+                f"{source.info.source}: expected frames {wanted}, got a recording that ends at {last:.3f} s; correct "
+                "use_s"
+            )
+        whole = source.info
+        said = f"used from {from_s:g} to {last if to_s is None else min(to_s, last):g} s of {last:.4g} s"
+        self.info = replace(
+            whole,
+            frame_count=len(self._clock),
+            duration_s=float(self._clock[-1]) + (0.0 if np.isnan(whole.fps) else 1 / whole.fps),
+            size_bytes=None if whole.size_bytes is None else round(whole.size_bytes * len(self._clock) / len(clock)),
+            remarks=(*whole.remarks, said),
+        )
+        self.begins_s = source.begins_s + from_s
+
+    def clock(self) -> FloatArray:
+        """Times of all frames from the interval's beginning, shape (T,) [s]."""
+        return self._clock
+
+    def stream(self) -> Generator[Frame]:
+        """A fresh pass over the frames of the interval."""
+        return self.stream_from(0)
+
+    def stream_from(self, first: int) -> Generator[Frame]:
+        """A pass that begins with a later frame of the interval.
+
+        Parameters
+        ----------
+        first
+            Number of the frame in the interval.
+        """
+        count = len(self._clock)
+        with closing(self._source.stream_from(self._first + first)) as frames:
+            for frame in frames:
+                index = frame.index - self._first
+                if index < count:
+                    yield _moved(frame, -self._first, -self._from_s)
+                if index >= count - 1:
+                    return
+
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The frame itself, or the last one before it in the interval that comes with at most so many decoded ones."""
+        return max(self._source.soon_decoded(self._first + number, frames) - self._first, 0)
+
+    def compressed_from(self, number: int) -> tuple[Path, Start | None]:
+        """The file that holds a frame of the interval, and where in it."""
+        return self._source.compressed_from(self._first + number)
+
+    def jump(self, count: int, frames: int) -> Generator[Frame]:
+        """Frames spread evenly over the interval; see `_pick`."""
+        return _pick(self, count, frames)
+
+
+class JoinedSource:
+    """Chapters as one recording.
+
+    Parameters
+    ----------
+    sources
+        The chapters in the order in which they were recorded, at least one.
+
+    Raises
+    ------
+    VideoError
+        Chapters differ in size, rate or format, or are not in the order of their stamps.
+
+    Notes
+    -----
+    Cameras that write chapters lose no frame between them and begin each with a stamp near zero: the first frame of a
+    chapter comes one interval after the last one of the chapter before. Files whose stamps go on where others end keep
+    what their stamps say, with gaps, which are named.
+    """
+
+    def __init__(self, sources: Sequence[SeekableSource]) -> None:
+        self._sources = tuple(sources)
+        first = sources[0].info
+        for one in sources[1:]:
+            _check_alike(first, one.info)
+        counts = [one.info.frame_count for one in sources]
+        durations = [one.info.duration_s for one in sources]
+        sizes = [one.info.size_bytes for one in sources]
+        remarks = [remark for one in sources for remark in one.info.remarks]
+        doubts = [doubt for one in sources for doubt in one.info.doubts]
+        names = ", ".join(Path(one.info.source).name for one in sources)
+        joined = replace(
+            first,
+            frame_count=None if None in counts else sum(count or 0 for count in counts),
+            duration_s=None if None in durations else sum(duration or 0.0 for duration in durations),
+            size_bytes=None if None in sizes else sum(size or 0 for size in sizes),
+            remarks=(*dict.fromkeys(remarks), f"{len(sources)} chapters as one recording: {names}", *self._gaps),
+            doubts=tuple(dict.fromkeys(doubts)),
+        )
+        self.info = joined
+        self.begins_s = sources[0].begins_s
+
+    @cached_property
+    def _starts(self) -> list[tuple[int, float]]:
+        """Number and time [s] of the first frame of each chapter."""
+        starts = [(0, 0.0)]
+        for before, after in zip(self._sources, self._sources[1:], strict=False):
+            number, start_s = starts[-1]
+            clock = before.clock()
+            starts.append((number + len(clock), start_s + _length_s(before, clock) + _gap_s(before, after, clock)))
+        return starts
+
+    @property
+    def _gaps(self) -> list[str]:
+        """Sentences on what is missing between chapters."""
+        found = []
+        for before, after in zip(self._sources, self._sources[1:], strict=False):
+            gap = _gap_s(before, after, before.clock())
+            if gap > 0:
+                found.append(f"{gap:.3f} s missing between {before.info.source} and {after.info.source}")
+        return found
+
+    def clock(self) -> FloatArray:
+        """Times of all frames from the first one, shape (T,) [s]."""
+        return np.concatenate(
+            [one.clock() + start for one, (_, start) in zip(self._sources, self._starts, strict=True)]
+        )
+
+    def stream(self) -> Generator[Frame]:
+        """A fresh pass over the frames of all chapters."""
+        return self.stream_from(0)
+
+    def stream_from(self, first: int) -> Generator[Frame]:
+        """A pass that begins with a later frame.
+
+        Parameters
+        ----------
+        first
+            Number of the frame among those of all chapters.
+
+        Raises
+        ------
+        DecodeStop
+            A chapter ends early or is damaged; those after it are not read.
+        """
+        begin = self._chapter_of(first)
+        for chapter, (number, start_s) in list(zip(self._sources, self._starts, strict=True))[begin:]:
+            with closing(chapter.stream_from(max(first - number, 0))) as frames:
+                try:
+                    for frame in frames:
+                        yield _moved(frame, number, start_s)
+                except DecodeStop as damage:
+                    raise DecodeStop(damage.status, f"{chapter.info.source}: {damage.detail}") from damage
+
+    def soon_decoded(self, number: int, frames: int) -> int:
+        """The frame itself, or the last one before it in its chapter that comes with at most so many decoded ones."""
+        chapter = self._chapter_of(number)
+        first = self._starts[chapter][0]
+        return first + self._sources[chapter].soon_decoded(number - first, frames)
+
+    def compressed_from(self, number: int) -> tuple[Path, Start | None]:
+        """The chapter that holds a frame, and where in it."""
+        chapter = self._chapter_of(number)
+        return self._sources[chapter].compressed_from(number - self._starts[chapter][0])
+
+    def _chapter_of(self, number: int) -> int:
+        return int(np.searchsorted([first for first, _ in self._starts], number, side="right")) - 1
+
+    def jump(self, count: int, frames: int) -> Generator[Frame]:
+        """Frames spread evenly over all chapters; see `_pick`."""
+        return _pick(self, count, frames)
+
+
+def _pick(source: SeekableSource, count: int, frames: int) -> Generator[Frame]:
+    """Frames spread evenly over a recording, near the key frames before them where these are rare.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    count
+        Number of frames.
+    frames
+        Largest number of frames to decode for each.
+    """
+    total = len(source.clock())
+    wanted = np.unique(np.linspace(0, total - 1, min(count + 1, total)).round().astype(int))[1:].tolist()
+    last = -1
+    for number in wanted:
+        nearest = source.soon_decoded(number, frames)
+        if nearest > last:
+            with closing(source.stream_from(nearest)) as found:
+                yield from islice(found, 1)
+            last = nearest
+
+
+def _moved(frame: Frame, number: int, time_s: float) -> Frame:
+    return Frame(frame.index + number, frame.time_s + time_s, frame.luma, frame.convert)
+
+
+def _interval_s(source: SeekableSource, clock: FloatArray) -> float:
+    """Usual time between two frames at the end of a recording [s]."""
+    near = np.diff(clock[-61:])
+    return float(np.median(near)) if near.size else 1 / source.info.fps
+
+
+def _length_s(source: SeekableSource, clock: FloatArray) -> float:
+    """Time from the first frame of a recording to the frame that would come after its last one [s]."""
+    return float(clock[-1]) + _interval_s(source, clock)
+
+
+def _gap_s(before: SeekableSource, after: SeekableSource, clock: FloatArray) -> float:
+    """Time that is missing between two chapters by their stamps [s]; 0 where each begins a clock of its own."""
+    length = _length_s(before, clock)
+    if abs(after.begins_s - before.begins_s) < min(_OWN_CLOCK_S, length / 2):
+        return 0.0
+    gap = after.begins_s - before.begins_s - length
+    interval = _interval_s(before, clock)
+    if gap < -_WITHIN_FRAME * interval:
+        raise VideoError(
+            f"{after.info.source}: expected a chapter that begins where {before.info.source} ends, got one that begins "
+            f"{-gap:.3f} s earlier; correct the order of the chapters"
+        )
+    return gap if gap > _WITHIN_FRAME * interval else 0.0
+
+
+def _check_alike(first: VideoInfo, other: VideoInfo) -> None:
+    for what in ("width", "height", "pixel_format", "bit_depth", "rotation_deg", "pixel_aspect", "time_scale"):
+        wanted, got = getattr(first, what), getattr(other, what)
+        if wanted != got:
+            raise VideoError(
+                f"{other.source}: expected the {what.replace('_', ' ')} of {first.source} ({wanted}), got {got}; name "
+                "only chapters of one recording"
+            )
+    if abs(first.fps / other.fps - 1) > _SAME_RATE:
+        raise VideoError(
+            f"{other.source}: expected the {first.fps:g} frames a second of {first.source}, got {other.fps:g}; name "
+            "only chapters of one recording"
+        )
