@@ -243,8 +243,10 @@ def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
     if longer > _LONGER:
         notes.append(
             f"at the stated distances the parallax asks for a lever of {np.linalg.norm(adjusted.camera.lever):.2f} m: "
-            "the scene is nearer, or the lever longer, than stated"
+            "the scene is nearer, or the lever longer, than stated; standard deviations are wider by as much"
         )
+        # What contradicts its prior by so much says that standard deviations are too small by that ratio (Birge).
+        covariance = covariance * (longer / _LONGER) ** 2
     return LensEstimate(status, found, covariance, tuple(notes), adjusted, course)
 
 
