@@ -1,10 +1,17 @@
 """The demonstration: a rendered recording, measured without calibration, against its truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.core.netcdf import read_displacement
+from vfm_sdm.core.statuses import Verdict
+from vfm_sdm.inputs.session import Lens, read_session
+from vfm_sdm.measurement import Measurement
+from vfm_sdm.stages.cameras.file import read_rig
+from vfm_sdm.stages.lens.file import KnownLens, write_lens
 
 
 @pytest.fixture(scope="module")
@@ -42,3 +49,34 @@ def test_the_stated_random_part_is_the_scatter(demo):
     static = [i for i, name in enumerate(measured["point"].values) if "abutment" in str(name)]
     ratio = error[:, static].std(axis=0) / np.median(measured["displacement_std"].values[:, static], axis=0)
     assert 0.4 < ratio.min() <= ratio.max() < 1.6
+
+
+@pytest.mark.slow
+def test_lens_files_of_pan_clips_tell_the_scale_without_a_range(demo, tmp_path):
+    """The demonstration without ranges and lengths, with lenses as pan clips at 40 degrees know them."""
+    recording = demo.run_folder.parent / "recording"
+    session, rig = read_session(recording / "session.toml"), read_rig(recording / "cameras_true.toml")
+    std, rng, views = np.array([1e-3, 0.5, 0.5, 1e-3]), np.random.default_rng(4), []
+    for view, camera in zip(session.view, rig.cameras, strict=True):
+        stated = replace(camera.perturbed(np.append(rng.normal(0, std), np.zeros(6))), cam_from_world=np.eye(3, 4))
+        path = write_lens(
+            tmp_path / f"{view.name}.toml", KnownLens(stated, np.diag(std**2)), clip=recording / "session.toml"
+        )
+        views.append(view.model_copy(update={"lens": Lens(file=path)}))
+    site = session.site.model_copy(update={"range": (), "length": ()})
+    measured = Measurement(session.model_copy(update={"view": tuple(views), "site": site}))
+    before, found = demo.measurement.audit.scale, measured.audit.scale
+    assert measured.audit.verdict == Verdict.FIT
+    # A standard deviation of one percent; what is left is the pose that matches give.
+    assert found.expanded < min(0.02, 0.6 * before.expanded)
+    assert next(iter(before.shares)).startswith("focal")
+    assert next(iter(found.shares)) == "matches"
+    truth = read_displacement(recording / "truth.nc")["displacement"]
+    for point in measured.displacement["point"].values:
+        for axis in ("lateral", "vertical"):
+            moved = truth.sel(point=point, axis=axis).values
+            if np.ptp(moved) < 2:
+                continue
+            one = measured.displacement.sel(point=point, axis=axis)
+            gain = float(np.polyfit(moved, one["displacement"].values, 1)[0])
+            assert abs(gain - 1) < 3 * float(one["scale_std"]) + 0.002
