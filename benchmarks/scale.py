@@ -2,10 +2,10 @@
 
 Sites, lenses, readings and matches are drawn with the standard deviations that the session states for them
 (`tests/measurements.py`), with fields of view of 14 to 90 degrees. The prior of the lenses is one of: none; true at 20,
-5 or 2 %; stated as 2 % and wrong by 10 to 50 % in both views, as with a wrong sensor width, or in one. Where it is true
-the share of scales inside their 95 % interval is the coverage; where it is false every scale has to be inside its
-interval or flagged, and the culprit named. ``--rendered`` takes rendered pictures of presets in place of simulated
-matches.
+5 or 2 %; that of simulated pan clips, one for each lens, with neither range nor length on site; stated as 2 % and wrong
+by 10 to 50 % in both views, as with a wrong sensor width, or in one. Where it is true the share of scales inside their
+95 % interval is the coverage; where it is false every scale has to be inside its interval or flagged, and the culprit
+named. ``--rendered`` takes rendered pictures of presets in place of simulated matches.
 """
 
 import argparse
@@ -28,6 +28,7 @@ from pairs import Base, make_rendered  # noqa: E402
 
 import measurements as m  # noqa: E402
 from simulation import SIZE, gain_error, project_all  # noqa: E402
+from turning import draw_lever, draw_plan, look, true_values  # noqa: E402
 from vfm_sdm.core.registry import make  # noqa: E402
 from vfm_sdm.core.statuses import CameraStatus  # noqa: E402
 from vfm_sdm.geometry.camera import Rig  # noqa: E402
@@ -40,13 +41,18 @@ from vfm_sdm.stages.cameras.site_cameras import ALL_FOCALS  # noqa: E402
 from vfm_sdm.stages.cameras.solution import CameraSolution  # noqa: E402
 from vfm_sdm.stages.cameras.solve import solve_cameras  # noqa: E402
 from vfm_sdm.stages.cameras.two_view import TwoViewCameras  # noqa: E402
+from vfm_sdm.stages.lens.adjustment import adjust_clip  # noqa: E402
+from vfm_sdm.stages.lens.clip import judge_lens, merge_radial  # noqa: E402
 
-PRIORS = ("none", "20 %", "5 %", "2 %", "both wrong", "one wrong")
+PRIORS = ("none", "20 %", "5 %", "2 %", "pan clip", "both wrong", "one wrong")
+PAN_CLIP = "pan clip"
 FALSE = ("both wrong", "one wrong")
 RENDERED = tuple((name, None) for name in ("data-1", "data-4", "surface-1", "surface-2", "demo"))
 RENDERED += tuple((name, 30.0) for name in ("data-4", "surface-2", "demo"))
 """Presets of which pictures are rendered, and the angle at which the second camera stands where it is another [deg]."""
 RENDERED_WIDTH = 1280
+LEVER_M, DISTANT_M, READOUT_S, NOISE_PX = 0.05, (300.0, 3000.0), 0.02, 0.5
+"""Of pan clips; noise is that of a feature in pictures 3840 px wide."""
 ANY_LENS = expect_any()
 """What is taken of a lens of which nothing is known."""
 NORMAL_95, LIMIT, CAUTION = 1.96, 0.05, 4.0
@@ -114,6 +120,8 @@ def draw_lens(rng: np.random.Generator, prior: str, true_px: float) -> Stated:
     if prior == "none":
         focal = float(np.exp(ANY_LENS.mean)) * max(SIZE)
         return Stated(focal, ANY_LENS.std, np.log(focal / true_px) + rng.normal(0, 0.01, 2) * [0, 1])
+    if prior == PAN_CLIP:
+        return Stated(true_px, 0.0, np.zeros(2))
     std = 0.02 if prior in FALSE else float(prior.split(maxsplit=1)[0]) / 100
     errors = rng.normal(0, std, 2)
     if prior not in FALSE:
@@ -137,6 +145,8 @@ def draw(seed: int, prior: str) -> Draw:
         distortion_std=corner_std, distortion_errors=tuple(lens.normal(0, corner_std, 2) if corner_std else (0.0, 0.0)),
         duration_s=0.5,
     )  # fmt: skip
+    if prior == PAN_CLIP:
+        c = with_pan_clips(replace(c, range_std=None, length_std=None), seed, view_deg)
     start = time.process_time()
     rig, frame, pitch = m._true_rig(c, noise)
     points3d = m._place_points(rig, frame, c, noise)
@@ -145,6 +155,30 @@ def draw(seed: int, prior: str) -> Draw:
     solution = m._solve(c, session, rig, clicked, noise)
     cpu_s = time.process_time() - start
     return judge(Draw(seed, prior, view_deg, stated.wrong, stated.wrong_view), solution, rig, points3d[0], cpu_s)
+
+
+def with_pan_clips(c: m.Conditions, seed: int, view_deg: float) -> m.Conditions:
+    """The conditions with errors and covariances of lenses from a simulated pan clip each, at a distant scene."""
+    errors, covariances = [], []
+    for view in range(2):
+        lever = draw_lever(seed + 1000 * view, LEVER_M)
+        plan = draw_plan(
+            seed + 1000 * view, view_deg, size=SIZE, distance_m=DISTANT_M, lever_m=lever, readout_s=READOUT_S
+        )
+        adjusted = adjust_clip(*look(plan, noise_px=NOISE_PX))
+        estimate = judge_lens(adjusted, (np.arange(40) + 0.5) * plan.duration_s / 40)
+        off = adjusted.lens[:5] - true_values(plan)
+        # The one coefficient of a lens file stands for both.
+        radial = np.diag(merge_radial(np.diag([0.0, 0, 0, 0, 1.0]), plan.camera))[3] ** 0.5
+        errors.append([*off[:3], off[3] + radial * off[4]])
+        covariances.append(estimate.covariance)
+    log_focal, cu, cv, k1 = np.array(errors).T
+    corner = np.hypot(*SIZE) / 2 / c.focal_px
+    return replace(
+        c, focal_errors=tuple(log_focal.tolist()), focal_std=float(np.sqrt(covariances[0][0, 0])),
+        centre_errors_px=(float(cu[0]), float(cv[0]), float(cu[1]), float(cv[1])),
+        distortion_errors=tuple((k1 * corner**2).tolist()), lens_covariances=tuple(covariances),
+    )  # fmt: skip
 
 
 def draw_rendered(seed: int, prior: str) -> Draw:
@@ -215,7 +249,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = ("inside", "inside_or_flagged", "flagged", "care_though_inside", "culprit_right", "among_named", "named")
     widths = [max(len(name), 7) for name in names]
     heads = "".join(f"  {name:>{width}s}" for name, width in zip(names, widths, strict=True))
-    print(f"{'prior of the lenses':20s}  {'draws':>5s}{heads}")
+    print(f"{'prior of the lenses':20s}  {'draws':>5s}  {'scale rms':>9s}{heads}")
     summary: dict[str, object] = {"pairs": options.draws, "processors": os.cpu_count()}
     cpu_s = []
     for prior in options.priors:
@@ -234,9 +268,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             np.mean([d.among_named for d in found if d.culprits] or [0.0]),
             np.mean([bool(d.culprits) for d in found]),
         )
+        spread = float(np.sqrt(np.mean([d.error**2 for d in found if np.isfinite(d.error)] or [np.nan])))
         cpu_s += [d.cpu_s for d in found]
         row = "".join(f"  {share:{width}.3f}" for share, width in zip(shares, widths, strict=True))
-        print(f"{prior:20s}  {len(found):5d}{row}", flush=True)
+        print(f"{prior:20s}  {len(found):5d}  {spread:9.2%}{row}", flush=True)
         summary[prior] = {f"{name}_share": float(share) for name, share in zip(names, shares, strict=True)}
     summary["cpu_mean_s"] = float(np.mean(cpu_s))
     print(json.dumps(summary))

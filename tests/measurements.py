@@ -105,6 +105,8 @@ class Conditions:
     time_offset_s: float
     time_offset_std_s: float
     time_offset_error_s: float
+    lens_covariances: tuple[FloatArray, ...] = ()
+    """Of ``log_focal, cx, cy, k1`` of each view (4, 4), as of lens files; none: what the standard deviations say."""
     mistaken_m: float = 0.0
     """By how far along the structure the first point's place in the second view is another's, as of a baluster."""
     stated_side: str = "right"
@@ -449,8 +451,11 @@ def _prior_rig(c: Conditions, session: Session, matches: Matches) -> Rig:
     k1_std = c.distortion_std / (_DIAGONAL / 2 / c.focal_px) ** 2
     inner = [c.focal_std, _CENTRE_STD, _CENTRE_STD, k1_std]
     std = np.array([*inner, *[0.0] * 6, *inner, *[1.0] * 3, *[2.0 * noted] * 3])
+    covariance = np.diag(std**2)
+    for begin, own in zip((0, 10), c.lens_covariances, strict=False):
+        covariance[begin : begin + 4, begin : begin + 4] = own
     start = Rig(VIEWS, (lens, replace(lens, cam_from_world=pose)), False)
-    return replace(start.scaled(noted), covariance=np.diag(std**2))
+    return replace(start.scaled(noted), covariance=covariance)
 
 
 def _matches(c: Conditions, rig: Rig, rng: np.random.Generator) -> Matches:

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 
+import cv2
 import numpy as np
 import pytest
 
@@ -307,6 +308,13 @@ def test_a_pan_clip_gives_a_lens_file(command, tmp_path, monkeypatch):
     known = read_lens(tmp_path / "lens.toml")
     np.testing.assert_allclose(known.camera.K, estimate.camera.K)
     np.testing.assert_allclose(known.covariance, estimate.covariance)
+    picture = cv2.imread(str(tmp_path / "lens.png"))
+    assert picture.shape[1] == 1500
+    (tmp_path / "lens.png").unlink()
+    status, *_ = command("lens", clip, "-o", tmp_path / "lens.toml", *words, "--no-figure")
+    assert status == 0
+    assert not (tmp_path / "lens.png").exists()
+    scenes.clear()
     status, _, err = command("lens", clip, "-o", tmp_path / "lens.toml", "--nearest", 3000, "--farthest", 300)
     assert status == 1
     assert "expected 0 < nearest <= farthest distance" in err

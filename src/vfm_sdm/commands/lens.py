@@ -10,8 +10,11 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from vfm_sdm.core.files import write_file
 from vfm_sdm.core.threads import small_algebra
-from vfm_sdm.inputs.video import open_video
+from vfm_sdm.inputs.video import Video, open_video
+from vfm_sdm.outputs.plots.pan_clip import draw_lens
+from vfm_sdm.stages.lens.adjustment import AdjustedClip
 from vfm_sdm.stages.lens.clip import LensEstimate, estimate_lens
 from vfm_sdm.stages.lens.file import KnownLens, write_lens
 from vfm_sdm.stages.lens.scene import PanScene
@@ -33,6 +36,7 @@ def lens(
     lever: Annotated[
         float, Parameter(help="How far the lens may lie beside the axes of the tripod's head in m, along each axis.")
     ] = _SCENE.lever_std_m,
+    figure: Annotated[bool, Parameter(help="Draw tracks, coverage and residuals beside the file.")] = True,
 ) -> None:
     """Focal length, principal point and distortion from a pan clip: writes a file for a session's `lens`."""
     scene = PanScene(nearest, farthest, lever)
@@ -51,7 +55,16 @@ def lens(
     _out.print(_tabulate(known, estimate))
     for note in notes:
         _out.print(f"note: {note}", style="yellow", highlight=False)
-    _out.print(f"written: {path}", highlight=False, soft_wrap=True)
+    written = [path]
+    if figure and estimate.adjusted is not None:
+        written.append(_draw(video, estimate.adjusted, path.with_suffix(".png")))
+    for one in written:
+        _out.print(f"written: {one}", highlight=False, soft_wrap=True)
+
+
+def _draw(video: Video, adjusted: AdjustedClip, path: Path) -> Path:
+    first = next(iter(video.frames()))
+    return write_file(path, draw_lens(adjusted, first.luma))
 
 
 def _tabulate(known: KnownLens, estimate: LensEstimate) -> Table:

@@ -88,6 +88,8 @@ class LensStatus(StrEnum):
     """The camera was carried about, the scene moves, or stabilisation shifts the picture."""
     CHANGING = "the focal length changes"
     """The lens zooms, or its focus hunts."""
+    NEARER = "the scene is nearer, or the lever longer, than stated"
+    """Parallax that what was stated of scene and tripod does not allow."""
 
 
 class CameraStatus(StrEnum):

@@ -5,14 +5,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray
-from vfm_sdm.stages.lens.nearness import lever_precision, log_volume, taken_by_points
+from vfm_sdm.stages.lens.nearness import PointsVolume, taken_by_points, volume_of_points
 from vfm_sdm.stages.lens.normal_equations import NormalEquations, invert_scaled, solve_scaled
 from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, LensClip, TurningCamera
 
 __all__ = ["AdjustedClip", "adjust_clip"]
 
-_MAX_ITERATIONS, _NOISE_ROUNDS = 60, 6
-_CONVERGED, _NOISE_KNOWN = 1e-9, 0.02
+_MAX_ITERATIONS, _ROUNDS = 60, 8
+_CONVERGED, _NOISE_KNOWN, _SETTLED = 1e-9, 0.02, 0.1
+"""Relative gain that ends a round; changes of the noise, and of the focal length over its standard deviation, that end
+all."""
 _MAX_DAMPING = 1e10
 _ROBUST = 2.5
 """Residual over its standard deviation from which a sighting loses weight [1]."""
@@ -33,10 +35,8 @@ class AdjustedClip:
         Lens, lever, attitudes and scene at the solution.
     clip
         What was adjusted.
-    lens
-        Values of `LENS`, shape (10,): those of ``camera`` less the bias that the points' distances bring.
     covariance
-        Of ``lens``, shape (10, 10), in its units.
+        Of `LENS`, shape (10, 10), in its units.
     residuals
         Seen minus predicted pixels, shape (N, 2) [px].
     weights
@@ -47,11 +47,15 @@ class AdjustedClip:
 
     camera: TurningCamera
     clip: LensClip
-    lens: FloatArray
     covariance: FloatArray
     residuals: FloatArray
     weights: FloatArray
     noise_px: float
+
+    @property
+    def lens(self) -> FloatArray:
+        """Values of `LENS`, shape (10,)."""
+        return self.camera.lens
 
 
 def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
@@ -78,38 +82,61 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
     -----
     Levenberg-Marquardt with the points eliminated (Schur complement) and Huber's weights. The noise is that of the
     residuals: their median absolute value, each over the share that its point leaves it. The deviations of the points'
-    distances are integrated out (`vfm_sdm.stages.lens.nearness`): the lever in every step, the lens by one step at the
-    end, along the profile of each of its values.
+    distances are integrated out (`vfm_sdm.stages.lens.nearness`): their volume is part of what is minimised. A round
+    takes it as a straight line in all values but the lever, along the profile of each, and the next one takes it anew.
+    A scene near the camera has several minima, such as one with the lever on the other side: the adjustment is begun
+    again from where it ended and from there, and the best end counts.
     """
+    best = _settle(start, clip)
+    for side in (1, -1):
+        shared = best.camera.shared * [side, side, side, 1, 1]
+        other = _settle(replace(best.camera, shared=shared, nearness=side * best.camera.nearness), clip)
+        if _cost_at(other, best.noise_px) < _cost_at(best, best.noise_px):
+            best = other
+    return best
+
+
+def _cost_at(end: AdjustedClip, noise: float) -> float:
+    """Cost of an end at this noise."""
+    clip = replace(end.clip, growth_std=noise / end.camera.camera.focal_px)
+    weights = _weigh(end.residuals, noise) / noise**2
+    return _cost(end.camera, clip, noise, volume_of_points(end.camera, clip, weights))
+
+
+def _settle(start: TurningCamera, clip: LensClip) -> AdjustedClip:
+    """The minimum that a start leads to."""
     now, noise = start, 1.0
-    for _ in range(_NOISE_ROUNDS):
+    for _ in range(_ROUNDS):
         # What stretching does to a detector is as much as what noise does.
         clip = replace(clip, growth_std=noise / now.camera.focal_px)
-        now = _converge(now, clip, noise)
+        before, now = now, _converge(now, clip, noise)
         if now.shared[3] < 0:
             # Lever and nearness tell their product: with both signs turned round the scene lies before the camera.
             now = _converge(now.mirrored(), clip, noise)
         found = _estimate_noise(now, clip, noise)
         known, noise = abs(found / noise - 1) < _NOISE_KNOWN, found
-        if known:
+        if known and abs(now.lens[0] - before.lens[0]) < _SETTLED * np.sqrt(_covariance(now, clip, noise)[0, 0]):
             break
     residuals = now.residuals(clip.seen)
-    weights = _weigh(residuals, noise)
-    normal = NormalEquations(now, clip, weights / noise**2)
+    return AdjustedClip(now, clip, _covariance(now, clip, noise), residuals, _weigh(residuals, noise), noise)
+
+
+def _covariance(now: TurningCamera, clip: LensClip, noise: float) -> FloatArray:
+    """Of `LENS`, shape (10, 10)."""
+    normal = NormalEquations(now, clip, _weigh(now.residuals(clip.seen), noise) / noise**2)
     free = np.flatnonzero(clip.prior[1] > 0)
     covariance = np.zeros((len(LENS), len(LENS)))
     covariance[np.ix_(free, free)] = invert_scaled(normal.reduced)[np.ix_(free, free)]
-    lens = now.lens - _bias(now, clip, weights / noise**2)
-    return AdjustedClip(now, clip, lens, covariance, residuals, weights, noise)
+    return covariance
 
 
 def _converge(start: TurningCamera, clip: LensClip, noise: float) -> TurningCamera:
-    now, damping, cost = start, 1e-4, _cost(start, clip, noise)
+    volume = _take_volume(start, clip, _weigh(start.residuals(clip.seen), noise) / noise**2)
+    now, damping, cost = start, 1e-4, _cost(start, clip, noise, volume)
     for _ in range(_MAX_ITERATIONS):
         weights = _weigh(now.residuals(clip.seen), noise) / noise**2
-        volume = lever_precision(now, clip, weights)
-        trial = NormalEquations(now, clip, weights, damping=damping, lever=volume).step()
-        trial_cost = _cost(trial, clip, noise)
+        trial = NormalEquations(now, clip, weights, damping=damping, volume=volume).step()
+        trial_cost = _cost(trial, clip, noise, volume)
         if trial_cost < cost:
             gain = (cost - trial_cost) / cost
             now, cost, damping = trial, trial_cost, damping / 4
@@ -122,7 +149,7 @@ def _converge(start: TurningCamera, clip: LensClip, noise: float) -> TurningCame
     return now
 
 
-def _cost(now: TurningCamera, clip: LensClip, noise: float) -> float:
+def _cost(now: TurningCamera, clip: LensClip, noise: float, volume: PointsVolume) -> float:
     """Twice the negative logarithm of the likelihood, but for a constant; infinite where a ray has no pixel [1]."""
     residuals = now.residuals(clip.seen)
     size = np.linalg.norm(residuals, axis=1) / noise
@@ -132,9 +159,8 @@ def _cost(now: TurningCamera, clip: LensClip, noise: float) -> float:
     mean, std = clip.prior
     free = std > 0
     apart = ((now.lens - mean)[free] / std[free]) ** 2
-    volume = log_volume(now, clip, _weigh(residuals, noise) / noise**2)
     own = ((now.nearness / clip.nearness_std) ** 2).sum() + ((now.growth / clip.growth_std) ** 2).sum()
-    return float(loss + apart.sum() + own + 2 * volume)
+    return float(loss + apart.sum() + own + 2 * volume.log(now))
 
 
 def _weigh(residuals: FloatArray, noise: float) -> FloatArray:
@@ -157,16 +183,18 @@ def _estimate_noise(now: TurningCamera, clip: LensClip, noise: float) -> float:
     return max(MAD_TO_STD * float(np.median(np.abs(scaled))), _LEAST_NOISE_PX)
 
 
-def _bias(now: TurningCamera, clip: LensClip, weights: FloatArray) -> FloatArray:
-    """What the lens, without the lever, gains by the deviations' freedom, shape (10,)."""
-    normal = NormalEquations(now, clip, weights, lever=lever_precision(now, clip, weights))
-    covariance, count = invert_scaled(normal.reduced), len(LENS)
-    free = np.setdiff1d(np.flatnonzero(clip.prior[1] > 0), np.arange(len(LENS))[LEVER])
+def _take_volume(now: TurningCamera, clip: LensClip, weights: FloatArray) -> PointsVolume:
+    """The points' volume near a camera, with its slope along the profile of each value of the lens but the lever."""
+    volume, count = volume_of_points(now, clip, weights), len(LENS)
+    normal = NormalEquations(now, clip, weights, volume=volume)
+    covariance = invert_scaled(normal.reduced)
+    free = np.setdiff1d(np.flatnonzero(clip.prior[1] > 0), np.arange(count)[LEVER])
     turns = -solve_scaled(normal.reduced[count:, count:], normal.reduced[count:, free])
     slope = np.zeros(count)
     for index, turn in zip(free.tolist(), turns.T, strict=True):
         reach = _STEP * np.sqrt(covariance[index, index])
         step = reach * np.concatenate([np.eye(count)[index], turn])
-        ends = [log_volume(normal.along(sign * step), clip, weights) for sign in (1, -1)]
-        slope[index] = (ends[0] - ends[1]) / (2 * reach)
-    return np.asarray(covariance[:count, :count] @ slope)
+        ends = [normal.along(sign * step) for sign in (1, -1)]
+        logs = [volume_of_points(end, clip, weights).log(end) for end in ends]
+        slope[index] = (logs[0] - logs[1]) / (2 * reach)
+    return replace(volume, slope=slope)

@@ -33,6 +33,10 @@ to a fifth of that."""
 _CLEAR = 4.0
 _BEYOND = 4.0
 """Standard deviations of what is known before, beyond which a result is not believed."""
+_LONGER, _MUCH_LONGER = 3.5, 10.0
+"""Length of the lever in its standard deviations from which it is said, and from which it is refused: three normal
+values are longer than the first once in 150 times. Pictures tell lever times nearness, and the focal length follows
+from that; a scene ten times nearer than stated is another one."""
 _MOST_DRIFT = 1e-3
 _LEFT_OUT_PX = 0.1
 """What lens model and detectors leave out at the edge of the picture: errors of calibrations with good targets."""
@@ -159,7 +163,7 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
             rate, change = motion.turn_rates(chosen, camera.camera, readout_s=readout, shift=shift)
             clip = replace(clip, seen=replace(seen, turn_rate=rate, turn_change=change))
             adjusted = adjust_clip(camera, clip)
-            step = abs(adjusted.lens[0] - camera.lens[0])
+            step = abs(adjusted.camera.lens[0] - camera.lens[0])
             if step < _SETTLED * np.sqrt(adjusted.covariance[0, 0]):
                 break
         return judge_lens(adjusted, motion.time_s[chosen])
@@ -220,6 +224,8 @@ def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
     status = LensStatus.OK
     mean, std = adjusted.clip.prior
     beyond = (std > 0) & (np.abs(values - mean) > _BEYOND * std)
+    longer = float(np.linalg.norm(values[LEVER] / np.where(std[LEVER] > 0, std[LEVER], np.inf)))
+    beyond[LEVER] = False
     if adjusted.noise_px > _MOST_NOISE * max(width, height):
         status = LensStatus.MOVED
     elif np.sqrt(covariance[0, 0]) > _MOST_FOCAL_STD:
@@ -232,6 +238,15 @@ def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
         status = LensStatus.NOT_DETERMINED
         names = ", ".join(name for name, off in zip(LENS, beyond, strict=True) if off)
         notes.append(f"far from what was stated or any lens has: {names}; state lever and distances as they are")
+    elif longer > _MUCH_LONGER:
+        status = LensStatus.NEARER
+    if longer > _LONGER:
+        notes.append(
+            f"at the stated distances the parallax asks for a lever of {np.linalg.norm(adjusted.camera.lever):.2f} m: "
+            "the scene is nearer, or the lever longer, than stated; standard deviations are wider by as much"
+        )
+        # What contradicts its prior by so much says that standard deviations are too small by that ratio (Birge).
+        covariance = covariance * (longer / _LONGER) ** 2
     return LensEstimate(status, found, covariance, tuple(notes), adjusted, course)
 
 

@@ -19,6 +19,8 @@ _LOOK_SIDE_PX = 480
 """Longer side of the reduced pictures in which the motion is followed."""
 _CORNERS, _CORNER_QUALITY, _CORNER_APART_PX = 200, 0.01, 10.0
 _LEAST_CORNERS = 12
+_BACK_PX = 1.0
+"""Distance within which a corner that is followed on and back comes home: lost ones end anywhere."""
 _STEP = 0.12
 """Motion between key frames, over the longer side of the picture: eight of them see a place that crosses it."""
 _MOST = 48
@@ -74,15 +76,23 @@ class ClipMotion:
         """
         rates, changes = np.zeros((len(numbers), 3)), np.zeros((len(numbers), 3))
         for row, number in enumerate(numbers.tolist()):
-            about = [step for step in (number - 1, number) if 0 <= step < len(self.steps) and self.steps[step].size]
+            about = [step for step in range(number - 2, number + 2) if self._followed(step)]
+            if not about:
+                continue
             found = [self._rate(step, camera, readout_s, shift) for step in about]
-            if len(found) == 2:
-                (before, rate), (after, following) = found
-                changes[row] = (following - rate) / (after - before)
-                rates[row] = rate + changes[row] * (self.time_s[number] - before)
-            elif found:
-                rates[row] = found[0][1]
+            ends = np.array([time for time, _ in found])[:, None] - self.time_s[number]
+            half = np.diff(self.time_s)[about][:, None] / 2
+            ends = ends + np.concatenate([-half, half], axis=1)
+            # A step tells the mean of the rate between its ends; the polynomial with these means tells it at the frame.
+            power = np.arange(1, len(about) + 1)
+            means = np.diff(ends[:, :, None] ** power, axis=1)[:, 0] / (2 * half * power)
+            values = np.linalg.solve(means, np.array([rate for _, rate in found]))
+            rates[row] = values[0]
+            changes[row] = values[1] if len(values) > 1 else 0.0
         return rates, changes
+
+    def _followed(self, step: int) -> bool:
+        return 0 <= step < len(self.steps) and bool(self.steps[step].size)
 
     def _rate(self, step: int, camera: Camera, readout_s: float, shift: FloatArray) -> tuple[float, FloatArray]:
         """Time [s] and rate of rotation (3,) [rad/s] from one frame to the next, by the corners that agree."""
@@ -160,14 +170,39 @@ def follow_clip(frames: Iterable[Frame]) -> ClipMotion:
 def _follow(before: npt.NDArray[np.uint8], now: npt.NDArray[np.uint8]) -> FloatArray:
     """Corners in both pictures, shape (2, N, 2) [px of these pictures]; none where too few can be followed."""
     none = np.zeros((2, 0, 2))
-    corners = cv2.goodFeaturesToTrack(before, _CORNERS, _CORNER_QUALITY, _CORNER_APART_PX)
-    if corners is None or len(corners) < _LEAST_CORNERS:
+    strongest = cv2.goodFeaturesToTrack(before, _CORNERS, _CORNER_QUALITY, _CORNER_APART_PX)
+    if strongest is None or len(strongest) < _LEAST_CORNERS:
         return none
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, corners, None)  # type: ignore[call-overload]
-    kept = np.asarray(found).ravel() == 1
-    if kept.sum() < _LEAST_CORNERS:
-        return none
-    return np.stack([corners.reshape(-1, 2)[kept], moved.reshape(-1, 2)[kept]]).astype(np.float64)
+    corners = np.asarray(strongest, np.float32)
+    found = none
+    # Far motion is not followed from where it began; a picture that rolls has no shift as a whole.
+    for shift in (_shift(before, now), np.zeros(2, np.float32)):
+        moved, there = _flow(before, now, corners, shift)
+        home, back = _flow(now, before, moved, -shift)
+        kept = there & back & (np.linalg.norm((home - corners)[:, 0], axis=1) < _BACK_PX)
+        if kept.sum() > max(found.shape[1], _LEAST_CORNERS - 1):
+            found = np.stack([corners[kept, 0], moved[kept, 0]]).astype(np.float64)
+    return found
+
+
+def _shift(before: npt.NDArray[np.uint8], now: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """Shift of the picture as a whole, shape (2,) [px]."""
+    height, width = before.shape
+    window = cv2.createHanningWindow((width, height), cv2.CV_32F)
+    found, _ = cv2.phaseCorrelate(before.astype(np.float32), now.astype(np.float32), window)
+    return np.array(found, np.float32)
+
+
+def _flow(
+    before: npt.NDArray[np.uint8],
+    now: npt.NDArray[np.uint8],
+    corners: npt.NDArray[np.float32],
+    shift: npt.NDArray[np.float32],
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    """Where corners (N, 1, 2) are in the other picture, looked for about a shift, and which were followed (N,)."""
+    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, corners, corners + shift, flags=flags)
+    return np.asarray(moved, np.float32), np.asarray(found).ravel() == 1
 
 
 def choose_key_frames(motion: ClipMotion, image_size: tuple[int, int]) -> IntArray:

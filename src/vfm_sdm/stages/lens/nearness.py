@@ -18,12 +18,14 @@ References
    Statistical Society B 49(1).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.stages.lens.turning_camera import LensClip, TurningCamera
 
-__all__ = ["PointSums", "information_on_shift", "lever_precision", "log_volume", "taken_by_points"]
+__all__ = ["PointSums", "PointsVolume", "information_on_shift", "taken_by_points", "volume_of_points"]
 
 
 class PointSums:
@@ -65,23 +67,67 @@ def information_on_shift(camera: TurningCamera, clip: LensClip, weights: FloatAr
     return np.asarray(sums(heavy @ by_ray) - both @ np.linalg.solve(known, both.swapaxes(1, 2)))
 
 
-def _volumes(camera: TurningCamera, clip: LensClip, information: FloatArray) -> FloatArray:
-    """The points' x, shape (P,) [1]."""
-    lever = camera.lever
-    return np.asarray(clip.nearness_std**2 * np.einsum("i,pij,j->p", lever, information, lever))
+@dataclass(frozen=True, eq=False)
+class PointsVolume:
+    """What the deviations' volume takes from the logarithm of the likelihood, near the camera at which it was taken.
+
+    Parameters
+    ----------
+    information
+        Matrices Q there, shape (P, 3, 3).
+    nearness_std
+        Standard deviation of the deviations [1/m].
+    begin, slope
+        Values of `LENS` there and the derivative by them at a held lever, shape (10,).
+    """
+
+    information: FloatArray
+    nearness_std: float
+    begin: FloatArray
+    slope: FloatArray
+
+    def log(self, camera: TurningCamera) -> float:
+        """The volume's part of the logarithm [1]: as it is in the lever, and a straight line in the other values."""
+        return self._of_lever(camera.lever) + float(self.slope @ (camera.lens - self.begin))
+
+    def lever_precision(self, camera: TurningCamera) -> FloatArray:
+        """Precision of a zero lever that stands for the volume, shape (3, 3) [1/m2].
+
+        Notes
+        -----
+        The logarithm is concave: the quadratic form that touches it at the present lever lies above it everywhere, so
+        that steps with it never make the likelihood worse (majorisation).
+        """
+        share = self.nearness_std**2 / (1 + self._freedom(camera.lever))
+        return np.asarray(np.einsum("p,pij->ij", share, self.information))
+
+    def _of_lever(self, lever: FloatArray) -> float:
+        return 0.5 * float(np.log1p(self._freedom(lever)).sum())
+
+    def _freedom(self, lever: FloatArray) -> FloatArray:
+        """The points' x, shape (P,) [1]."""
+        return np.asarray(self.nearness_std**2 * np.einsum("i,pij,j->p", lever, self.information, lever))
 
 
-def lever_precision(camera: TurningCamera, clip: LensClip, weights: FloatArray) -> FloatArray:
-    """Precision of a zero lever that stands for the deviations' volume, shape (3, 3) [1/m2].
+def volume_of_points(
+    camera: TurningCamera, clip: LensClip, weights: FloatArray, *, slope: FloatArray | None = None
+) -> PointsVolume:
+    """The volume near a camera.
 
-    Notes
-    -----
-    The logarithm is concave: the quadratic form that touches it at the present lever lies above it everywhere, so that
-    steps with it never make the likelihood worse (majorisation).
+    Parameters
+    ----------
+    camera
+        Where it is taken.
+    clip
+        The sightings.
+    weights
+        Weight of each sighting, shape (N,) [1/px2].
+    slope
+        Its derivative by `LENS` at a held lever, shape (10,); none where left out.
     """
     information = information_on_shift(camera, clip, weights)
-    share = clip.nearness_std**2 / (1 + _volumes(camera, clip, information))
-    return np.asarray(np.einsum("p,pij->ij", share, information))
+    lens = camera.lens
+    return PointsVolume(information, clip.nearness_std, lens, np.zeros(len(lens)) if slope is None else slope)
 
 
 def taken_by_points(camera: TurningCamera, clip: LensClip, weights: FloatArray) -> FloatArray:
@@ -105,8 +151,3 @@ def taken_by_points(camera: TurningCamera, clip: LensClip, weights: FloatArray) 
     told = sums((by_point * weights[:, None, None]).swapaxes(1, 2) @ by_point)
     prior = np.diag([0.0, 0.0, clip.nearness_std**-2, clip.growth_std**-2])
     return np.asarray(np.trace(np.linalg.solve(told + prior, told), axis1=1, axis2=2))
-
-
-def log_volume(camera: TurningCamera, clip: LensClip, weights: FloatArray) -> float:
-    """What the deviations' volume takes from the logarithm of the likelihood [1]."""
-    return 0.5 * float(np.log1p(_volumes(camera, clip, information_on_shift(camera, clip, weights))).sum())

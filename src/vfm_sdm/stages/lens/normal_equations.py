@@ -5,7 +5,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import CameraError
-from vfm_sdm.stages.lens.nearness import PointSums
+from vfm_sdm.stages.lens.nearness import PointSums, PointsVolume
 from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, LensClip, TurningCamera
 
 __all__ = ["NormalEquations", "invert_scaled", "solve_scaled"]
@@ -26,8 +26,8 @@ class NormalEquations:
         Weight of each sighting, shape (N,) [1/px2].
     damping
         Share by which the diagonal is raised, after Levenberg and Marquardt [1].
-    lever
-        Precision of a zero lever beside its prior, shape (3, 3) [1/m2].
+    volume
+        What the points' distances take from the likelihood; left out of consideration where there is none.
 
     Notes
     -----
@@ -43,9 +43,10 @@ class NormalEquations:
         weights: FloatArray,
         *,
         damping: float = 0.0,
-        lever: FloatArray | None = None,
+        volume: PointsVolume | None = None,
     ) -> None:
-        self._camera, self._clip, self._lever = camera, clip, lever
+        self._camera, self._clip, self._volume = camera, clip, volume
+        self._lever = None if volume is None else volume.lever_precision(camera)
         self.weights = weights
         seen = clip.seen
         self.by_lens, self.by_turn, self.by_point = camera.derivatives(seen)
@@ -71,8 +72,9 @@ class NormalEquations:
         mean, std = clip.prior
         free = std > 0
         shared[:_LENS][free] += (mean - camera.lens)[free] / std[free] ** 2
-        if self._lever is not None:
-            shared[LEVER] -= self._lever @ camera.lever
+        if self._volume is not None:
+            shared[LEVER] -= self._volume.lever_precision(camera) @ camera.lever
+            shared[:_LENS] -= self._volume.slope
         shared[self._held] = 0.0
         points[:, 2] -= camera.nearness / clip.nearness_std**2
         points[:, 3] -= camera.growth / clip.growth_std**2

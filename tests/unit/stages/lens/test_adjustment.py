@@ -1,5 +1,7 @@
 """The adjustment of a pan clip on simulated sightings: errors, intervals, drift and statuses against truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from vfm_sdm.errors import CameraError
 from vfm_sdm.stages.lens.adjustment import adjust_clip
 from vfm_sdm.stages.lens.clip import judge_lens, merge_radial
 from vfm_sdm.stages.lens.normal_equations import NormalEquations, invert_scaled, solve_scaled
+from vfm_sdm.stages.lens.scene import PanScene
 from vfm_sdm.stages.lens.steadiness import follow_focal
 
 FRAMES, POINTS, DURATION_S = 20, 400, 8.0
@@ -59,6 +62,37 @@ def test_a_lever_in_front_of_the_axis_of_a_near_scene_lies_on_the_right_side():
     _, found = adjusted(3, 40, lever_m=0.2, distance_m=(5.0, 30.0))
     assert found.camera.lever @ draw_lever(3, 0.2) > 0
     assert found.camera.shared[3] > 0
+
+
+def test_a_lens_does_not_depend_on_where_the_adjustment_starts():
+    """The points' volume pulls the focal length by some standard deviations: from both sides it ends at one place."""
+    plan = draw_plan(3, 14, lever_m=draw_lever(3, 0.08), distance_m=(12.0, 60.0))
+    start, clip = look(plan, frames=FRAMES, points=POINTS)
+    ends = [adjust_clip(start.moved(np.eye(10)[0] * step, *still(start)), clip) for step in (-0.15, 0.15)]
+    std = np.sqrt(ends[0].covariance[0, 0])
+    assert abs(ends[0].lens[0] - ends[1].lens[0]) < 0.3 * std
+    assert abs(ends[0].lens[0] - true_values(plan)[0]) < 3 * std
+
+
+def still(camera):
+    """No step of turns and points."""
+    return np.zeros((len(camera.attitudes), 3)), np.zeros((len(camera.nearness), 4))
+
+
+@pytest.mark.parametrize(("stated_m", "status"), [((100, 500), LensStatus.OK), ((600, 3000), LensStatus.NEARER)])
+def test_a_scene_that_is_nearer_than_stated_is_named(stated_m, status):
+    plan = draw_plan(3, 40, lever_m=draw_lever(3, 0.08), distance_m=(12.0, 60.0))
+    start, clip = look(plan, frames=FRAMES, points=POINTS)
+    mean, std = PanScene(*stated_m).nearness
+    stated = replace(misled(clip, nearness=(mean, std)), nearness_std=std)
+    found = adjust_clip(replace(start, shared=start.shared * [1, 1, 1, 0, 1] + [0, 0, 0, mean, 0]), stated)
+    estimate = judge_lens(found, TIME_S)
+    assert estimate.status == status
+    assert "the scene is nearer, or the lever longer, than stated" in estimate.notes[-1]
+    # Pictures tell the product of lever and nearness, and that is what moves the focal length.
+    assert abs(found.lens[0] - true_values(plan)[0]) < 4 * np.sqrt(found.covariance[0, 0])
+    right = judge_lens(adjust_clip(start, clip), TIME_S)
+    assert not any("than stated" in note for note in right.notes)
 
 
 def test_outliers_hardly_move_the_lens():

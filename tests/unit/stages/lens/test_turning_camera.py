@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from turning import draw_lever, draw_plan, look
-from vfm_sdm.stages.lens.nearness import PointSums, lever_precision, log_volume, taken_by_points
+from vfm_sdm.stages.lens.nearness import PointSums, taken_by_points, volume_of_points
 from vfm_sdm.stages.lens.turning_camera import LENS, tangents
 
 
@@ -76,12 +76,23 @@ def test_volume_of_the_deviations_grows_with_the_lever_and_its_precision_is_its_
     weights = np.full(len(clip.seen), 16.0)
 
     def volume(share):
-        return log_volume(replace(camera, shared=camera.shared * [share, share, share, 1, 1]), clip, weights)
+        moved = replace(camera, shared=camera.shared * [share, share, share, 1, 1])
+        return volume_of_points(moved, clip, weights).log(moved)
 
     assert 0 == volume(0.0) < volume(0.5) < volume(1.0)
     # d/dshare of the volume at 1 is lever' precision lever, but for the few that the rays change.
     slope = (volume(1.001) - volume(0.999)) / 0.002
-    assert slope == pytest.approx(camera.lever @ lever_precision(camera, clip, weights) @ camera.lever, rel=0.02)
+    here = volume_of_points(camera, clip, weights)
+    assert slope == pytest.approx(camera.lever @ here.lever_precision(camera) @ camera.lever, rel=0.02)
+
+
+def test_volume_is_a_straight_line_in_all_but_the_lever(scene):
+    camera, clip = scene
+    slope = np.arange(1.0, len(LENS) + 1) * (np.arange(len(LENS)) < 5)
+    volume = volume_of_points(camera, clip, np.full(len(clip.seen), 16.0), slope=slope)
+    step = np.eye(len(LENS))[1] * 0.5
+    moved = camera.moved(step, np.zeros((clip.seen.frames, 3)), np.zeros((len(camera.nearness), 4)))
+    assert volume.log(moved) - volume.log(camera) == pytest.approx(slope[1] * 0.5, rel=1e-6)
 
 
 def test_points_take_two_to_four_values(scene):
