@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.errors import CameraError, DatasetError
+from vfm_sdm.errors import CameraError, DatasetError, SessionError
 from vfm_sdm.inputs.session import read_session, write_session
 from vfm_sdm.studies.planning.suggested_picture import write_picture
 from vfm_sdm.studies.planning.suggestion import Suggestion, suggest_points
@@ -38,6 +38,8 @@ def suggest(
 ) -> None:
     """Find the best places on the structure, spread along the span, and on still background: no clicks."""
     settings = read_session(session, points_needed=False)
+    if output.resolve() == session.resolve():
+        raise SessionError(f"{output}: expected another file than the session, whose comments would be lost; name one")
     try:
         with show_progress() as progress:
             found = suggest_points(settings, count=count, static=static, progress=progress)

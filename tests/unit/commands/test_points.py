@@ -103,3 +103,12 @@ def test_the_picture_shows_each_subset_at_its_size(session):
     assert [patch.get_x() for patch in left.patches] == [50 - 20.5, 150 - 20.5]
     assert len(right.patches) == 1
     assert "not found here: still 1" in right.get_xlabel()
+
+
+def test_the_session_itself_is_not_written_over(session, tmp_path, command):
+    path = tmp_path / "session.toml"
+    before = path.read_bytes()
+    code, _, said = command("points", "suggest", path, "-o", path)
+    assert code == 1
+    assert "expected another file than the session" in said
+    assert path.read_bytes() == before
