@@ -27,8 +27,8 @@ def count_passes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     for name in ("open_video", "open_images"):
         opener = getattr(recordings, name)
 
-        def count_open(*args, opener=opener):
-            video = opener(*args)
+        def count_open(*args, opener=opener, **options):
+            video = opener(*args, **options)
             found["opened"][video.info.source] += 1
             return video
 
