@@ -26,7 +26,7 @@ SMALLEST = {
     "verdicts": ["--runs", "1", "--seeds", "1", "--faults", "both views drop frames", "a clipped reference"],
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
-SLOW = {"end_to_end", "plan"}
+SLOW = {"end_to_end", "lens", "lines", "pairs", "plan"}
 NEEDS = {"profiles": "lens_profiles"}
 """Real data without which a script has nothing to do."""
 ELSEWHERE = {"vggt": "test_benchmark_vggt.py", "vggt_costs": "no script, but what vggt counts with"}

@@ -17,23 +17,29 @@ def with_views(session, **updates):
     return session.model_copy(update={"view": tuple(views)})
 
 
-def displacement_of(session):
-    return Measurement(session).displacement.swap_dims(time="time").load()
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A session and its measurement."""
+    folder = tmp_path_factory.mktemp("whole")
+    session = read_session(scenes.write_scene(folder, frames=20, synchronization="none", injection=False))
+    return session, Measurement(session).run("displacement")
 
 
-@pytest.mark.parametrize("begins", [(0.1, 0.1), (0.1, 0.2), (0.2, 0.1)])
-def test_what_is_used_moves_as_it_does_in_the_whole(tmp_path, begins):
-    whole = read_session(scenes.write_scene(tmp_path, frames=20, synchronization="none", injection=False))
-    tracks = Measurement(whole).tracks["left"]
+@pytest.mark.parametrize(
+    "begins",
+    [(0.1, 0.2), pytest.param((0.1, 0.1), marks=pytest.mark.slow), pytest.param((0.2, 0.1), marks=pytest.mark.slow)],
+)
+def test_what_is_used_moves_as_it_does_in_the_whole(whole, begins):
+    whole, measured = whole
     frame = round(begins[0] * scenes.FPS)
-    places = tracks["position"].isel(time=frame)
+    places = measured.tracks["left"]["position"].isel(time=frame)
     points = [
         p.model_copy(update={"pixel": tuple(places.sel(point=p.name).values.tolist()), "pixel_in": {}})
         for p in whole.point
     ]
     used = with_views(whole, left={"use_s": [begins[0]]}, right={"use_s": [begins[1], 10.0]})
-    used = read_session(write_session(tmp_path / "used.toml", used.model_copy(update={"point": tuple(points)})))
-    expected, found = displacement_of(whole), displacement_of(used)
+    used = read_session(write_session(whole.folder / "used.toml", used.model_copy(update={"point": tuple(points)})))
+    expected, found = measured.displacement, Measurement(used).displacement
     # Time counts from where the reference view's interval begins; both recordings began together.
     later = max(begins[1] - begins[0], 0.0)
     np.testing.assert_allclose(found["time"].values[0], later, atol=1e-9)
