@@ -115,12 +115,16 @@ def test_still_points_of_real_surfaces_stay_within_their_intervals(film, measure
     assert inside.where(known).mean() > 0.9
 
 
+# Another processor or number of cores encodes another film: whether the small squares of this one hold 0.02 or 0.09 px
+# of noise, and so 3 or 7 % of the motion, is not the program's doing. What it states must fit what it measures.
+LARGEST_ERROR = 0.10
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("surface", "point", "axis", "limit"),
-    [("surface-1", "post base", "vertical", 0.04), ("surface-2", "post", "lateral", 0.10)],
+    ("surface", "point", "axis"), [("surface-1", "post base", "vertical"), ("surface-2", "post", "lateral")]
 )
-def test_what_is_measured_agrees_with_the_truth_and_its_interval(film, measured, surface, point, axis, limit):
+def test_what_is_measured_agrees_with_the_truth_and_its_interval(film, measured, surface, point, axis):
     plan, folder = film
     result, session = measured
     if plan.name != surface or session != "session_further.toml":
@@ -130,8 +134,11 @@ def test_what_is_measured_agrees_with_the_truth_and_its_interval(film, measured,
     known = ((motion["status"] == Status.OK) & np.isfinite(motion["displacement"])).values
     assert known.mean() > 0.5
     error = motion["displacement"].values - np.interp(motion["time"], truth["time"], truth)
-    assert np.sqrt(np.mean(error[known] ** 2)) < limit * np.ptp(truth.values)
-    assert np.mean(np.abs(error[known]) < 1.96 * motion["combined_std"].values[known]) > 0.9
+    stated = motion["combined_std"].values[known]
+    assert np.sqrt(np.mean(error[known] ** 2)) < min(
+        LARGEST_ERROR * np.ptp(truth.values), 1.3 * np.sqrt(np.mean(stated**2))
+    )
+    assert np.mean(np.abs(error[known]) < 1.96 * stated) > 0.9
 
 
 @pytest.mark.slow
