@@ -16,7 +16,14 @@ FEWEST = 10
 MOVES_MM = 1.0
 
 
-@pytest.fixture(scope="module", params=HOSTILE)
+# Those of which no sample can be trusted take five minutes of a processor, and only name what is wrong.
+LONGEST = ("hostile-2", "hostile-4")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.hundreds] * (name in LONGEST)) for name in HOSTILE],
+)
 def measured(request, tmp_path_factory):
     """Plan, result and truth of a hostile day."""
     plan = preset(request.param, "small")
