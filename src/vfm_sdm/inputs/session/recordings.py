@@ -219,8 +219,7 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
     for view in session.view:
         if view.video is not None:
             for path in list_chapters(session, view):
-                inside = path.is_relative_to(session.folder)
-                yield (path.relative_to(session.folder) if inside else path).as_posix(), path
+                yield _name_inside(session, path), path
         elif view.images is not None:
             yield from _pattern_files(session, view.name, view.images)
         if view.camera is not None:
@@ -241,5 +240,10 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
 def _pattern_files(session: Session, label: str, pattern: str) -> Iterator[tuple[str, Path]]:
     """Image files as the reader finds them, under their paths, because folders may hold equal names."""
     for path in find_images(session.resolve_pattern(pattern)):
-        inside = path.is_relative_to(session.folder)
-        yield f"{label}: {(path.relative_to(session.folder) if inside else path).as_posix()}", path
+        yield f"{label}: {_name_inside(session, path)}", path
+
+
+def _name_inside(session: Session, path: Path) -> str:
+    """A file's path, from the session's folder where it lies there."""
+    inside = path.is_relative_to(session.folder)
+    return (path.relative_to(session.folder) if inside else path).as_posix()

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Generator
 from functools import cache, partial
+from itertools import islice
 from pathlib import Path
 from typing import cast
 
@@ -118,7 +119,7 @@ class ImageSource:
             An image has another size or bit depth than the first.
         """
         expected = (self.info.height, self.info.width, self.info.bit_depth)
-        for index, (path, tick) in list(enumerate(zip(self._files, self._ticks, strict=True)))[first:]:
+        for index, (path, tick) in islice(enumerate(zip(self._files, self._ticks, strict=True)), first, None):
             image, in_color = _read_image(path)
             found = (*image.shape[:2], 8 * image.dtype.itemsize)
             if found != expected:
