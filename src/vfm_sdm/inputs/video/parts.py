@@ -165,7 +165,11 @@ class JoinedSource:
             frame_count=None if None in counts else sum(count or 0 for count in counts),
             duration_s=None if None in durations else sum(duration or 0.0 for duration in durations),
             size_bytes=None if None in sizes else sum(size or 0 for size in sizes),
-            remarks=(*dict.fromkeys(remarks), f"{len(sources)} chapters as one recording: {names}", *self._gaps),
+            remarks=(
+                *dict.fromkeys(remarks),
+                f"{len(sources)} chapters as one recording: {names}",
+                *self._describe_gaps(),
+            ),
             doubts=tuple(dict.fromkeys(doubts)),
         )
         self.info = joined
@@ -175,21 +179,22 @@ class JoinedSource:
     def _starts(self) -> list[tuple[int, float]]:
         """Number and time [s] of the first frame of each chapter."""
         starts = [(0, 0.0)]
-        for before, after in zip(self._sources, self._sources[1:], strict=False):
+        for chapter, gap_s in zip(self._sources, self._gaps_s, strict=False):
             number, start_s = starts[-1]
-            clock = before.clock()
-            starts.append((number + len(clock), start_s + _length_s(before, clock) + _gap_s(before, after, clock)))
+            clock = chapter.clock()
+            starts.append((number + len(clock), start_s + _length_s(chapter, clock) + gap_s))
         return starts
 
-    @property
-    def _gaps(self) -> list[str]:
+    @cached_property
+    def _gaps_s(self) -> list[float]:
+        """What is missing after each chapter but the last one [s]."""
+        pairs = zip(self._sources, self._sources[1:], strict=False)
+        return [_gap_s(before, after, before.clock()) for before, after in pairs]
+
+    def _describe_gaps(self) -> list[str]:
         """Sentences on what is missing between chapters."""
-        found = []
-        for before, after in zip(self._sources, self._sources[1:], strict=False):
-            gap = _gap_s(before, after, before.clock())
-            if gap > 0:
-                found.append(f"{gap:.3f} s missing between {before.info.source} and {after.info.source}")
-        return found
+        joints = zip(self._sources, self._sources[1:], self._gaps_s, strict=False)
+        return [f"{gap:.3f} s missing between {a.info.source} and {b.info.source}" for a, b, gap in joints if gap > 0]
 
     def clock(self) -> FloatArray:
         """Times of all frames from the first one, shape (T,) [s]."""
