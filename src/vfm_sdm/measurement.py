@@ -6,6 +6,7 @@ cameras and tracks whose inputs have not changed are read from it.
 """
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -14,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.files import file_fingerprint, file_hash
+from vfm_sdm.core.files import file_hash
 from vfm_sdm.core.parts import Kind
 from vfm_sdm.core.products import Chain, product
 from vfm_sdm.core.progress import Progress
@@ -22,8 +23,16 @@ from vfm_sdm.core.registry import code_modules, make, settings_read
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
-from vfm_sdm.errors import DatasetError, SessionError
-from vfm_sdm.inputs.session import FirstFrames, Session, input_files, open_views, session_hash, write_session
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.inputs.session import (
+    FirstFrames,
+    InputHashes,
+    Session,
+    input_files,
+    open_views,
+    session_hash,
+    write_session,
+)
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.outputs.plots import save_figures
 from vfm_sdm.outputs.results import describe_measurement
@@ -40,6 +49,7 @@ from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
 from vfm_sdm.stages.synchronize import synchronize_tracks
 from vfm_sdm.stages.tracking.base import DesignedTracker
 from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
+from vfm_sdm.stages.tracking.segments import Work
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
 from vfm_sdm.stages.tracking.track_noise import include_static_noise
 from vfm_sdm.stages.tracking.views import track_views
@@ -61,6 +71,9 @@ class Measurement(Chain[Session]):
     whole_files
         Whether input files are told from others by their whole content; else large ones are by their size, time stamp
         and sampled blocks (`vfm_sdm.core.files.file_fingerprint`).
+    executor
+        Who tracks the segments of the recordings: processes, or a cluster; this process when ``None``. Results are the
+        same.
 
     Attributes
     ----------
@@ -80,11 +93,12 @@ class Measurement(Chain[Session]):
         *,
         progress: Progress | None = None,
         whole_files: bool = False,
+        executor: Executor | None = None,
     ) -> None:
         super().__init__(session, None if folder is None else Path(folder))
         self.progress = progress
-        self._session, self._whole_files = session, whole_files
-        self._hashes, self._parts = dict[Path, str](), dict[str, Any]()
+        self._session, self._executor = session, executor
+        self._hashes, self._parts = InputHashes(whole_files=whole_files), dict[str, Any]()
         self._choices: dict[tuple[Any, ...], SubsetChoice] = {}
 
     @property
@@ -157,13 +171,18 @@ class Measurement(Chain[Session]):
             found[view] = self._choose(view, known, session.method.subset_px)
         return found
 
-    @product(needs=("recordings", "points", "subsets"), parts=("trackers",), kept=TRACKS, label="tracking")
+    @product(
+        reads=("method.segment_s",),
+        needs=("recordings", "points", "subsets"),
+        parts=("trackers",),
+        kept=TRACKS,
+        label="tracking",
+    )
     def tracks(self, session: Session) -> dict[str, xr.Dataset]:
         """Tracks of all points by view, each on its own clock."""
         tracker = self.part("trackers")
-        return track_views(
-            self.recordings, self.points, tracker, subsets=self.subsets, progress=self._say, resume=self.resume()
-        )
+        work = Work(session.method.segment_s, self._executor, self.pieces())
+        return track_views(self.recordings, self.points, tracker, subsets=self.subsets, progress=self._say, work=work)
 
     @product(
         reads=("method.injection",),
@@ -364,18 +383,8 @@ class Measurement(Chain[Session]):
         VideoError
             No file matches a pattern.
         """
-        named = {}
-        for name, path in input_files(settings):
-            if path not in self._hashes:
-                try:
-                    with self.timed("hashing inputs"):
-                        self._hashes[path] = file_fingerprint(path, whole=self._whole_files)
-                except OSError as error:
-                    raise SessionError(
-                        f"{path}: expected a file that can be read, got: {error.strerror}; correct the session"
-                    ) from error
-            named[name] = self._hashes[path]
-        return named
+        with self.timed("hashing inputs"):
+            return self._hashes.of(settings)
 
     def part_of(self, kind: Kind) -> dict[str, Any]:
         """Weights of the chosen part."""
@@ -454,6 +463,7 @@ def measure(
     *,
     progress: Progress | None = None,
     whole_files: bool = False,
+    executor: Executor | None = None,
     forecast: Callable[[Mapping[str, xr.Dataset]], None] | None = None,
 ) -> Measurement:
     """The whole way from recordings to displacement.
@@ -469,6 +479,8 @@ def measure(
         Called with what is being done.
     whole_files
         Whether large input files are hashed as a whole, see `Measurement`.
+    executor
+        Who tracks the segments of the recordings, see `Measurement`.
     forecast
         Called with what the named points should measure (`Measurement.expectation`), before anything else is done.
 
@@ -483,7 +495,7 @@ def measure(
     VfmSdmError
         Something in the session or its files cannot be used; see the subclasses.
     """
-    measurement = Measurement(session, folder, progress=progress, whole_files=whole_files)
+    measurement = Measurement(session, folder, progress=progress, whole_files=whole_files, executor=executor)
     measurement.check_method()
     if forecast is not None and measurement.expectation:
         forecast(measurement.expectation)

@@ -11,18 +11,18 @@ import inspect
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Generic, Protocol, Self, TypeVar, cast, overload
 
 from vfm_sdm.core.code import code_hash, modules_used
 from vfm_sdm.core.parts import Kind
+from vfm_sdm.core.pieces import Pieces
 from vfm_sdm.core.threads import small_algebra
 from vfm_sdm.errors import ResultsError
 
-__all__ = ["Chain", "Kept", "Product", "Resume", "Settings", "product"]
+__all__ = ["Chain", "Kept", "Product", "Settings", "product"]
 
 T = TypeVar("T")
 S = TypeVar("S", bound="Settings")
@@ -61,28 +61,16 @@ class Kept(Generic[T]):
         Function that writes a product and its key to the file at a path, whole or not at all.
     beside
         Names of further files that this one writes.
+    whole
+        Function that says whether the product is all that it should be. Of one that is not, the pieces stay, and the
+        next run makes it again.
     """
 
     file: str
     read: Callable[[Path], tuple[T, str]] | None
     write: Callable[[Path, T, Mapping[str, str]], object]
     beside: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Resume(Generic[T]):
-    """Product in the making, as far as it has come, for a later run where this one is cut short.
-
-    Parameters
-    ----------
-    found
-        What an earlier run kept of the same product made of the same inputs; ``None`` where there is nothing.
-    keep
-        Function that keeps the product so far, in a form that its file can hold.
-    """
-
-    found: T | None
-    keep: Callable[[T], None]
+    whole: Callable[[T], bool] = lambda _: True
 
 
 @dataclass(frozen=True)
@@ -330,23 +318,22 @@ class Chain(Generic[S]):
                 for name in (wanted.kept.file, *wanted.kept.beside):
                     path.with_name(name).unlink(missing_ok=True)
             else:
-                wanted.kept.write(path, value, {"key": key, **self.marks()})
+                whole = wanted.kept.whole(value)
+                wanted.kept.write(path, value, {"key": key if whole else f"{key} unfinished", **self.marks()})
                 self.in_folder[wanted.name] = key
+                if whole:
+                    self._pieces_of(wanted).clear()
         return value
 
-    def resume(self) -> "Resume[Any] | None":
-        """How the product in the making goes on where an earlier run was cut short; ``None`` without a file for it."""
+    def pieces(self) -> Pieces | None:
+        """Where the product in the making keeps its pieces, for a run that is cut short; ``None`` without a file."""
         wanted = self._asking[-1]
-        kept = wanted.kept
-        if self.folder is None or kept is None or kept.read is None:
+        if self.folder is None or wanted.kept is None:
             return None
-        path, found = self.folder / kept.file, None
-        marks = {"key": f"{self._compute_input_key(wanted)} unfinished", **self.marks()}
-        if path.exists():
-            with suppress(ResultsError):
-                value, known = kept.read(path)
-                found = value if known == marks["key"] else None
-        return Resume(found, partial(_keep, kept, path, marks))
+        return self._pieces_of(wanted)
+
+    def _pieces_of(self, one: Product[Any]) -> Pieces:
+        return Pieces((self.folder or Path()) / one.name, self._compute_input_key(one))
 
     def _compute_input_key(self, wanted: Product[Any]) -> str:
         """Key of the inputs of a product, also where the product's own key is its content."""
@@ -391,7 +378,3 @@ class Chain(Generic[S]):
             self.seconds[label] = self.seconds.get(label, 0.0) + whole - self._inside_s.pop()
             if self._inside_s:
                 self._inside_s[-1] += whole
-
-
-def _keep(kept: Kept[T], path: Path, marks: Mapping[str, str], value: T) -> None:
-    kept.write(path, value, marks)

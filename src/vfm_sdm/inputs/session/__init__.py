@@ -3,6 +3,7 @@
 from vfm_sdm.core.files import file_hash
 from vfm_sdm.inputs.session.exif import lens_from_exif, tags_from_exif
 from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
+from vfm_sdm.inputs.session.hashes import InputHashes
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
 from vfm_sdm.inputs.session.model import Chessboard, Point, Sensor, Session, View
@@ -19,6 +20,7 @@ from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, R
 __all__ = [
     "Chessboard",
     "FirstFrames",
+    "InputHashes",
     "Length",
     "Lens",
     "Level",

@@ -129,6 +129,8 @@ class Method(Entry):
     sgr: Sgr = Sgr()
     still_interval_s: Annotated[tuple[Number, Number], AfterValidator(_increasing)] | None = None
     """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""
+    segment_s: Annotated[float, Strict(), Field(gt=0), not_below(1.0)] = 60.0
+    """Nominal length of the segments in which a recording is tracked, each by itself [s]."""
     subset_px: Annotated[int, Strict(), AfterValidator(_subset)] | None = None
     """Side of the square that a tracker compares [px]; chosen for each point by default."""
     correspondence: Annotated[str, _named("matchers")] = "registration"

@@ -7,6 +7,7 @@ damaged) stands in `Video.report`, never in made-up frames.
 """
 
 from vfm_sdm.inputs.video.camera_tags import CameraTags
+from vfm_sdm.inputs.video.passes import PassRecord, join_passes
 from vfm_sdm.inputs.video.reader import Video, open_images, open_video
 from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
 from vfm_sdm.inputs.video.region import Region
@@ -17,10 +18,12 @@ __all__ = [
     "DecodeStop",
     "Frame",
     "FrameSource",
+    "PassRecord",
     "Region",
     "RgbArray",
     "Video",
     "VideoInfo",
+    "join_passes",
     "open_images",
     "open_video",
 ]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Generator, Iterable
 from contextlib import closing
+from copy import copy
 from fractions import Fraction
 from functools import cached_property, partial
 from pathlib import Path
@@ -12,23 +13,24 @@ import av
 import numpy as np
 from av.sidedata.sidedata import SideData
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.camera_tags import read_camera_tags
 from vfm_sdm.inputs.video.color import convert_part
+from vfm_sdm.inputs.video.cuts import Cut
 from vfm_sdm.inputs.video.decoder import Start, open_stream, read_pictures
 from vfm_sdm.inputs.video.luma import luma_bits, luma_plane
 from vfm_sdm.inputs.video.marks import read_capture_clock, read_pixel_aspect
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, VideoInfo
 from vfm_sdm.inputs.video.timeline import Timeline, read_timeline
 
-__all__ = ["ContainerSource"]
+__all__ = ["INTERLACED", "ContainerSource"]
 
 # Display matrix (a, b, c, d) of ISO/IEC 14496-12, x' = a x + c y and y' = b x + d y, and the clockwise turn it makes.
 _CLOCKWISE_DEG = {(1, 0, 0, 1): 0, (0, 1, -1, 0): 90, (-1, 0, 0, -1): 180, (0, -1, 1, 0): 270}
 _FIXED_POINT = 65536
-_INTERLACED = (
+INTERLACED = (
     "interlaced: every picture holds two fields of different times, and motion comes out late and too small; film "
     "progressively, or make a picture of each field (bwdif)"
 )
@@ -52,7 +54,7 @@ class ContainerSource:
     """
 
     def __init__(self, path: Path, *, capture_fps: float | None = None) -> None:
-        self._path = path
+        self._path, self._threads = path, True
         self._base, self._tick, self._first, self.info = self._probe(capture_fps)
 
     def stream(self) -> Generator[Frame]:
@@ -64,7 +66,7 @@ class ContainerSource:
             The file ends early, data are damaged, the picture changes its size, or a time stamp is missing or does
             not rise.
         """
-        return self._decode(0, None)
+        return self.decode(0, None)
 
     def stream_from(self, first: int) -> Generator[Frame]:
         """A pass that begins with a later frame; numbers and times are those of a whole pass.
@@ -79,9 +81,31 @@ class ContainerSource:
         DecodeStop
             As of `stream`, or there is no such frame.
         """
-        if first == 0:
-            return self.stream()
-        return self._decode(first, self._find(first))
+        return self.decode(first, self._find(first) if first else None)
+
+    def keys(self) -> IntArray:
+        """Numbers of the frames with which decoding can begin, shape (K,)."""
+        return np.searchsorted(self._timeline.stamps, self._timeline.keys)
+
+    def on_one_thread(self) -> "ContainerSource":
+        """The same file, decoded picture by picture, for one of several processes that share the processors."""
+        source = copy(self)
+        source._threads = False
+        return source
+
+    def cut(self, first: int, count: int | None) -> list[Cut]:
+        """So many frames from one on; all that follow for ``None``.
+
+        Parameters
+        ----------
+        first, count
+            Number of the first frame, and of frames.
+        """
+        start = self._find(first) if first else None
+        # What was read of the whole file is not sent along with a part of it.
+        source = copy(self)
+        vars(source).pop("_timeline", None)
+        return [Cut(source, first, start, count)]
 
     def clock(self) -> FloatArray:
         """Times of all frames from the first one, shape (T,) [s]; the file is read once, and not decoded."""
@@ -128,13 +152,22 @@ class ContainerSource:
         stamp = int(stamps[first])
         return Start(stamp, self._timeline.key_before(stamp))
 
-    def _decode(self, number: int, start: Start | None) -> Generator[Frame]:
+    def decode(self, number: int, start: Start | None) -> Generator[Frame]:
+        """A pass that begins with a frame of this number; see `stream_from`.
+
+        Parameters
+        ----------
+        number
+            Number of the frame.
+        start
+            Where in the file it is; ``None`` at the beginning.
+        """
         first: int | None = None if start is None else self._first
         last = (start.stamp if start is not None else self._first) - 1
         # np.rot90 turns anticlockwise; it is a view, and so keeps the picture's memory alive.
         turns = -self.info.rotation_deg // 90
         seconds, ticks = self._tick.as_integer_ratio()
-        with closing(read_pictures(self._path, start)) as pictures:
+        with closing(read_pictures(self._path, start, threads=self._threads)) as pictures:
             for index, picture in enumerate(pictures, start=number):
                 self._check_size(picture)
                 stamp = _rising_stamp(picture, None if first is None else last, self._base)
@@ -243,7 +276,7 @@ class ContainerSource:
                     time_scale=float(clock.scale),
                     size_bytes=self._path.stat().st_size,
                     remarks=said + clock.remarks,
-                    doubts=clock.doubts + (_INTERLACED,) * picture.interlaced_frame,
+                    doubts=clock.doubts + (INTERLACED,) * picture.interlaced_frame,
                     camera=read_camera_tags({**container.metadata, **video.metadata}, self._path),
                 ),
             )

@@ -136,7 +136,7 @@ def _finish(decoder: av.VideoCodecContext) -> None:
             decoder.decode(None)
 
 
-def read_pictures(path: Path, start: Start | None = None) -> Generator[av.VideoFrame]:
+def read_pictures(path: Path, start: Start | None = None, *, threads: bool = True) -> Generator[av.VideoFrame]:
     """The decoded pictures of a file in the order they are shown.
 
     Parameters
@@ -145,6 +145,8 @@ def read_pictures(path: Path, start: Start | None = None) -> Generator[av.VideoF
         A video file.
     start
         Picture to begin with; the first one when left out.
+    threads
+        Whether several pictures are decoded at once.
 
     Yields
     ------
@@ -169,7 +171,7 @@ def read_pictures(path: Path, start: Start | None = None) -> Generator[av.VideoF
     decoded once more on a single one, so that a damaged file gives the same frames on every machine.
     """
     damage: DecodeStop
-    with open_stream(path) as (container, video):
+    with open_stream(path, threads=threads) as (container, video):
         first = _Pass(container, video, path, start=start)
         first.seek()
         try:

@@ -11,9 +11,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.cuts import Cut
+from vfm_sdm.inputs.video.decoder import Start
 from vfm_sdm.inputs.video.numbering import read_numbering
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, RgbArray, VideoInfo
 from vfm_sdm.inputs.video.region import Region
@@ -118,8 +120,31 @@ class ImageSource:
         VideoError
             An image has another size or bit depth than the first.
         """
+        return self.decode(first, None)
+
+    def on_one_thread(self) -> "ImageSource":
+        """The same images, which are read one by one in any case."""
+        return self
+
+    def keys(self) -> IntArray:
+        """Numbers of all images: each can be decoded by itself."""
+        return np.arange(len(self._files))
+
+    def cut(self, first: int, count: int | None) -> list[Cut]:
+        """So many images from one on; all that follow for ``None``.
+
+        Parameters
+        ----------
+        first, count
+            Number of the first image, and of images.
+        """
+        return [Cut(self, first, None, count)]
+
+    def decode(self, number: int, start: Start | None) -> Generator[Frame]:
+        """A pass that begins with an image of this number; see `stream_from`."""
+        del start  # every image can be decoded by itself
         expected = (self.info.height, self.info.width, self.info.bit_depth)
-        for index, (path, tick) in islice(enumerate(zip(self._files, self._ticks, strict=True)), first, None):
+        for index, (path, tick) in islice(enumerate(zip(self._files, self._ticks, strict=True)), number, None):
             image, in_color = _read_image(path)
             found = (*image.shape[:2], 8 * image.dtype.itemsize)
             if found != expected:

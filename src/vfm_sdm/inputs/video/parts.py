@@ -6,14 +6,15 @@ from dataclasses import replace
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.cuts import Cut, CutSource
 from vfm_sdm.inputs.video.decoder import Start
-from vfm_sdm.inputs.video.records import DecodeStop, Frame, FrameSource, VideoInfo
+from vfm_sdm.inputs.video.records import Frame, FrameSource, VideoInfo
 
 __all__ = ["IntervalSource", "JoinedSource", "SeekableSource"]
 
@@ -24,6 +25,7 @@ _WITHIN_FRAME = 0.5
 """Share of the time between two frames by which stamps of two files may miss each other and still go on [1]."""
 
 
+@runtime_checkable
 class SeekableSource(FrameSource, Protocol):
     """A source of frames that can begin a pass anywhere."""
 
@@ -46,6 +48,14 @@ class SeekableSource(FrameSource, Protocol):
 
     def compressed_from(self, number: int) -> tuple[Path, Start | None]:
         """The file that holds a frame, and where in it; ``None`` for its first one."""
+        ...
+
+    def keys(self) -> IntArray:
+        """Numbers of the frames with which decoding can begin, rising, shape (K,)."""
+        ...
+
+    def cut(self, first: int, count: int | None) -> list[Cut]:
+        """So many frames from a frame on, file by file; all that follow for ``None``."""
         ...
 
 
@@ -107,14 +117,24 @@ class IntervalSource:
         first
             Number of the frame in the interval.
         """
-        count = len(self._clock)
-        with closing(self._source.stream_from(self._first + first)) as frames:
-            for frame in frames:
-                index = frame.index - self._first
-                if index < count:
-                    yield _moved(frame, -self._first, -self._from_s)
-                if index >= count - 1:
-                    return
+        return CutSource(self.info, self.cut(first, None)).stream()
+
+    def keys(self) -> IntArray:
+        """Numbers of the frames of the interval with which decoding can begin, shape (K,)."""
+        found = self._source.keys() - self._first
+        return found[(found >= 0) & (found < len(self._clock))]
+
+    def cut(self, first: int, count: int | None) -> list[Cut]:
+        """So many frames of the interval from a frame on; all that follow for ``None``.
+
+        Parameters
+        ----------
+        first, count
+            Number of the first frame in the interval, and of frames.
+        """
+        left = len(self._clock) - first
+        cuts = self._source.cut(self._first + first, left if count is None else min(count, left))
+        return [cut.moved(-self._first, -self._from_s) for cut in cuts]
 
     def soon_decoded(self, number: int, frames: int) -> int:
         """The frame itself, or the last one before it in the interval that comes with at most so many decoded ones."""
@@ -219,14 +239,33 @@ class JoinedSource:
         DecodeStop
             A chapter ends early or is damaged; those after it are not read.
         """
+        return CutSource(self.info, self.cut(first, None)).stream()
+
+    def keys(self) -> IntArray:
+        """Numbers of the frames with which decoding can begin, shape (K,)."""
+        pairs = zip(self._sources, self._starts, strict=True)
+        return np.concatenate([chapter.keys() + number for chapter, (number, _) in pairs])
+
+    def cut(self, first: int, count: int | None) -> list[Cut]:
+        """So many frames from a frame on, chapter by chapter; all that follow for ``None``.
+
+        Parameters
+        ----------
+        first, count
+            Number of the first frame among those of all chapters, and of frames.
+        """
+        cuts: list[Cut] = []
         begin = self._chapter_of(first)
-        for chapter, (number, start_s) in list(zip(self._sources, self._starts, strict=True))[begin:]:
-            with closing(chapter.stream_from(max(first - number, 0))) as frames:
-                try:
-                    for frame in frames:
-                        yield _moved(frame, number, start_s)
-                except DecodeStop as damage:
-                    raise DecodeStop(damage.status, f"{chapter.info.source}: {damage.detail}") from damage
+        ends = [number for number, _ in self._starts[1:]] + [None]
+        for chapter, (number, start_s), end in list(zip(self._sources, self._starts, ends, strict=True))[begin:]:
+            here = max(first - number, 0)
+            if count is not None and count <= (done := max(number - first, 0)):
+                break
+            left = None if count is None else count - done
+            whole = left is None or (end is not None and number + here + left > end)
+            found = chapter.cut(here, None if whole else left)
+            cuts += [cut.moved(number, start_s, chapter.info.source) for cut in found]
+        return cuts
 
     def soon_decoded(self, number: int, frames: int) -> int:
         """The frame itself, or the last one before it in its chapter that comes with at most so many decoded ones."""
@@ -268,10 +307,6 @@ def _pick(source: SeekableSource, count: int, frames: int) -> Generator[Frame]:
             with closing(source.stream_from(nearest)) as found:
                 yield from islice(found, 1)
             last = nearest
-
-
-def _moved(frame: Frame, number: int, time_s: float) -> Frame:
-    return Frame(frame.index + number, frame.time_s + time_s, frame.luma, frame.convert)
 
 
 def _interval_s(source: SeekableSource, clock: FloatArray) -> float:

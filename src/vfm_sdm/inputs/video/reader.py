@@ -1,28 +1,26 @@
 """A view as a sequence of frames, whatever it is stored in."""
 
 import math
-from array import array
 from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
 
-from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import DatasetError, VideoError
-from vfm_sdm.inputs.video.clock import count_dropped
-from vfm_sdm.inputs.video.container import ContainerSource
+from vfm_sdm.inputs.video.container import INTERLACED, ContainerSource
+from vfm_sdm.inputs.video.cuts import CutSource, choose_cuts
 from vfm_sdm.inputs.video.decoder import Start
 from vfm_sdm.inputs.video.images import ImageSource
 from vfm_sdm.inputs.video.parts import IntervalSource, JoinedSource, SeekableSource
+from vfm_sdm.inputs.video.passes import PassRecord, PassTally
 from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
-from vfm_sdm.inputs.video.repeats import FrameChanges
 
 __all__ = ["Video", "open_images", "open_video"]
 
-_SAMPLE_ROWS = 8
-_BLOCK_ROWS = 128
+_UNDIVIDED = 1.5
+"""Segments up to which a recording stays in one piece."""
 _LOOK_PIXELS = 1_500_000_000
 """Pixels that a look at a recording may decode: some two or three seconds on two processors."""
 
@@ -38,7 +36,7 @@ class Video:
 
     def __init__(self, source: FrameSource) -> None:
         self._source = source
-        self._report = DecodeReport(0, 0, 0, RecordingStatus.NOT_READ, "no pass over the frames has ended yet")
+        self._passed: PassRecord | None = None
 
     @property
     def info(self) -> VideoInfo:
@@ -48,7 +46,14 @@ class Video:
     @property
     def report(self) -> DecodeReport:
         """What happened in the pass over `frames` that ended last."""
-        return self._report
+        if self._passed is None:
+            return DecodeReport(0, 0, 0, RecordingStatus.NOT_READ, "no pass over the frames has ended yet")
+        return self._passed.report(self.info)
+
+    @property
+    def passed(self) -> PassRecord | None:
+        """Frames of that pass; ``None`` before the first one has ended."""
+        return self._passed
 
     def frames(self, *, stop: int | None = None) -> Iterator[Frame]:
         """A fresh pass over the frames: each decoded once, in order, a bounded number of them in memory.
@@ -112,7 +117,7 @@ class Video:
         # A pass begins with the first frame, which need not be decoded twice.
         waiting = jump is None and also == 0
         if not waiting:
-            yield self._frame(also)
+            yield self.frame(also)
         if jump is not None:
             frames = jump(count, budget // count)
         else:
@@ -123,7 +128,77 @@ class Video:
                     yield frame
                 waiting = False
         if waiting:
-            yield self._frame(also)  # which says what is wrong
+            yield self.frame(also)  # which says what is wrong
+
+    def divide(self, length_s: float) -> list[tuple[int, float]]:
+        """Numbers and times [s] of the frames with which segments of the view begin; one where it cannot be divided.
+
+        Parameters
+        ----------
+        length_s
+            Nominal length of a segment [s]; see `vfm_sdm.inputs.video.cuts.choose_cuts`.
+
+        Notes
+        -----
+        Of a file that says it is shorter than a segment and a half nothing is read.
+        """
+        source, claimed_s = self._source, self.info.duration_s
+        whole = [(0, 0.0)]
+        if claimed_s is not None and claimed_s < _UNDIVIDED * length_s:
+            return whole
+        # Of fields that come in packets of their own, packets do not tell frames.
+        if not isinstance(source, SeekableSource) or INTERLACED in self.info.doubts:
+            return whole
+        try:
+            time_s, keys = source.clock(), source.keys()
+        except VideoError:
+            return whole  # the pass over it says what is wrong
+        firsts = choose_cuts(time_s, keys, length_s)
+        return list(zip(firsts, time_s[firsts].tolist(), strict=True)) if len(firsts) > 1 else whole
+
+    def keys(self, apart_s: float) -> list[int]:
+        """Numbers of frames with which decoding can begin, at least so far apart [s]; of a view that can be divided.
+
+        Parameters
+        ----------
+        apart_s
+            Least time between two of them [s].
+        """
+        if not isinstance(self._source, SeekableSource):
+            return []
+        keys, time_s = self._source.keys(), self._source.clock()
+        # The first of each interval of that length, so that it does not depend on those before.
+        first = np.unique((time_s[keys] / apart_s).astype(np.int64), return_index=True)[1]
+        return [int(number) for number in keys[first]]
+
+    def part(self, first: int, count: int | None = None) -> "Video":
+        """So many frames from a frame on as a view of its own, which keep their numbers and times.
+
+        Parameters
+        ----------
+        first, count
+            Number of the first frame, and of frames; all that follow for ``None``.
+
+        Raises
+        ------
+        VideoError
+            The frames cannot be reached but from the beginning.
+
+        Notes
+        -----
+        Such a view can be sent to another process: it holds paths, times and where decoding begins.
+        """
+        if not isinstance(self._source, SeekableSource):
+            raise VideoError(
+                f"{self.info.source}: expected a recording that can be divided, not a stream; read it whole"
+            )
+        return Video(CutSource(self.info, self._source.cut(first, count)))
+
+    def on_one_thread(self) -> "Video":
+        """The same view, decoded picture by picture, for one of several processes that share the processors."""
+        if isinstance(self._source, SeekableSource):
+            return self.part(0).on_one_thread()
+        return Video(self._source.on_one_thread()) if isinstance(self._source, CutSource) else self
 
     def compressed_from(self) -> tuple[Path, Start | None]:
         """File that holds the first frame, and where in it; ``None`` where that is its beginning.
@@ -139,6 +214,32 @@ class Video:
         found: tuple[Path, Start | None] = begins(0)
         return found
 
+    def frame(self, index: int) -> Frame:
+        """A frame by its number; `report` stays as it is.
+
+        Parameters
+        ----------
+        index
+            Number of the frame; a view is decoded up to it, see `part`.
+
+        Raises
+        ------
+        VideoError
+            There is no such frame, or it cannot be decoded.
+        """
+        count = 0
+        why = ""
+        with closing(self._source.stream()) as stream:
+            try:
+                for frame in stream:
+                    if frame.index == index:
+                        return frame
+                    count += 1
+            except DecodeStop as damage:
+                why = f" ({damage})"
+        advice = "ask for an earlier one" if count else "check the file"
+        raise VideoError(f"{self.info.source}: expected a frame {index}, got {count} frames{why}; {advice}")
+
     def first_frame(self) -> Frame:
         """The first frame; `report` stays as it is.
 
@@ -147,7 +248,7 @@ class Video:
         VideoError
             The file is gone or cannot be read any more.
         """
-        return self._frame(0)
+        return self.frame(0)
 
     def color_frame(self, index: int = 0) -> RgbArray:
         """A frame in colour; `report` stays as it is.
@@ -171,24 +272,10 @@ class Video:
         """
         if index < 0:
             raise DatasetError(f"index: expected 0 or more, got {index}; count frames from the first")
-        return self._frame(index).color()
-
-    def _frame(self, index: int) -> Frame:
-        count = 0
-        why = ""
-        with closing(self._source.stream()) as stream:
-            try:
-                for frame in stream:
-                    if frame.index == index:
-                        return frame
-                    count += 1
-            except DecodeStop as damage:
-                why = f" ({damage})"
-        advice = "ask for an earlier one" if count else "check the file"
-        raise VideoError(f"{self.info.source}: expected a frame {index}, got {count} frames{why}; {advice}")
+        return self.frame(index).color()
 
     def _pass(self, stop: int | None) -> Iterator[Frame]:
-        tally = _Tally()
+        tally = PassTally()
         status = RecordingStatus.OK
         detail = "left before its end"
         try:
@@ -207,7 +294,7 @@ class Video:
             if isinstance(error, VideoError):
                 raise
         finally:
-            self._report = tally.report(self.info, status, detail)
+            self._passed = tally.record(status, detail)
 
 
 def _pick(frames: Generator[Frame], count: int, total: int) -> Generator[Frame]:
@@ -219,38 +306,6 @@ def _pick(frames: Generator[Frame], count: int, total: int) -> Generator[Frame]:
                 yield frame
             if frame.index >= total - 1:
                 return
-
-
-class _Tally:
-    """Counts of the frames of a pass; holds their time stamps and the last frame."""
-
-    def __init__(self) -> None:
-        self._time_s = array("d")
-        self._duplicated = 0
-        self._changes = FrameChanges()
-        self._previous: LumaArray | None = None
-
-    @property
-    def frames(self) -> int:
-        return len(self._time_s)
-
-    def add(self, frame: Frame) -> None:
-        if self._previous is not None and _same_picture(self._previous, frame.luma):
-            self._duplicated += 1
-        self._previous = frame.luma
-        self._changes.add(frame.luma)
-        self._time_s.append(frame.time_s)
-
-    def report(self, info: VideoInfo, status: RecordingStatus, detail: str) -> DecodeReport:
-        self._previous = None
-        dropped, regular = count_dropped(np.array(self._time_s))
-        words = [f"read {self.frames}{_format_claim(info)} frames"]
-        if detail:
-            words.append(detail)
-        if not regular:
-            words.append("irregular time stamps: dropped frames cannot be told")
-        alike = tuple(self._changes.alike().tolist())
-        return DecodeReport(self.frames, self._duplicated, dropped, status, "; ".join(words), alike)
 
 
 def open_video(
@@ -324,23 +379,3 @@ def open_images(pattern: str | Path, fps: float, *, use_s: tuple[float, float | 
     if not (math.isfinite(fps) and fps > 0):
         raise DatasetError(f"fps: expected a positive number of images a second, got {fps}; give the camera's rate")
     return _use(ImageSource(str(pattern), float(fps)), use_s)
-
-
-def _format_claim(info: VideoInfo) -> str:
-    if info.frame_count is not None:
-        return f" of {info.frame_count} claimed"
-    if info.duration_s is not None and math.isfinite(info.fps):
-        return f" of about {info.duration_s * info.fps:.0f} claimed"
-    return ""
-
-
-def _same_picture(first: LumaArray, second: LumaArray) -> bool:
-    if abs(first.strides[1]) > abs(first.strides[0]):
-        # Pictures turned by a quarter lie in memory column by column.
-        first, second = first.T, second.T
-    # A few rows tell nearly all pictures apart at next to no cost; the rest is compared in blocks that fit the cache.
-    step = max(1, first.shape[0] // _SAMPLE_ROWS)
-    if not np.array_equal(first[step // 2 :: step], second[step // 2 :: step]):
-        return False
-    starts = range(0, first.shape[0], _BLOCK_ROWS)
-    return all(np.array_equal(first[s : s + _BLOCK_ROWS], second[s : s + _BLOCK_ROWS]) for s in starts)

@@ -1,13 +1,13 @@
 """Frames that show the picture before them once more, as the noise of the pictures tells it."""
 
-from array import array
+import math
 
 import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 
-__all__ = ["FrameChanges", "find_alike"]
+__all__ = ["compare_rows", "find_alike", "sample_rows"]
 
 _PIXELS = 65_536
 """Pixels that are compared: shares of them are known to less than a percent."""
@@ -31,32 +31,31 @@ _CHANCE = 25
 """One over the chance from which on an even distance is none: the odds that random gaps are multiples of a number."""
 
 
-class FrameChanges:
-    """How much each frame of a pass differs from the one before, on rows spread over the picture."""
+def sample_rows(luma: LumaArray) -> npt.NDArray[np.float32]:
+    """Rows spread over a picture, by which frames are compared, shape (R, W) [grey levels].
 
-    def __init__(self) -> None:
-        self._previous: npt.NDArray[np.float32] | None = None
-        self._rms, self._changed = array("d"), array("d")
+    Parameters
+    ----------
+    luma
+        The frame, shape (H, W).
+    """
+    step = max(_LEAST_STEP, -(-luma.size // _PIXELS))
+    return luma[step // 2 :: step].astype(np.float32)
 
-    def add(self, luma: LumaArray) -> None:
-        """Takes the next frame.
 
-        Parameters
-        ----------
-        luma
-            The frame, shape (H, W).
-        """
-        step = max(_LEAST_STEP, -(-luma.size // _PIXELS))
-        rows = luma[step // 2 :: step].astype(np.float32)
-        if self._previous is not None and self._previous.shape == rows.shape:
-            change = (rows - self._previous).ravel()
-            self._rms.append(float(np.sqrt(change @ change / max(change.size, 1))))
-            self._changed.append(np.count_nonzero(change) / max(change.size, 1))
-        self._previous = rows
+def compare_rows(before: npt.NDArray[np.float32], after: npt.NDArray[np.float32]) -> tuple[float, float]:
+    """Root mean square change [grey levels] and share of the pixels that change [1]; NaN for pictures of two sizes.
 
-    def alike(self) -> IntArray:
-        """Numbers of the frames that show the one before once more, from 0; see `find_alike`."""
-        return find_alike(np.array(self._rms), np.array(self._changed))
+    Parameters
+    ----------
+    before, after
+        Rows of two frames, see `sample_rows`, shape (R, W) [grey levels].
+    """
+    if before.shape != after.shape:
+        return math.nan, math.nan
+    change = (after - before).ravel()
+    size = max(change.size, 1)
+    return float(np.sqrt(change @ change / size)), np.count_nonzero(change) / size
 
 
 def find_alike(rms: FloatArray, changed: FloatArray) -> IntArray:

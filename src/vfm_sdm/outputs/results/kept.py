@@ -11,6 +11,7 @@ from vfm_sdm.core.versions import package_versions
 from vfm_sdm.outputs.results.exports import write_displacement
 from vfm_sdm.stages.cameras.solution import CameraSolution, read_solution, write_solution
 from vfm_sdm.stages.tracking.injection.views import read_injection, write_injection
+from vfm_sdm.stages.tracking.views import is_whole
 
 __all__ = ["CAMERAS", "DISPLACEMENT", "INJECTION", "POINTS", "TRACKS"]
 
@@ -39,6 +40,6 @@ def _write_displacement(path: Path, displacement: xr.Dataset, marks: Mapping[str
 
 CAMERAS: Kept[CameraSolution] = Kept("cameras.toml", read_solution, _write_cameras)
 POINTS: Kept[xr.Dataset] = Kept("points.nc", None, _write_points)
-TRACKS: Kept[dict[str, xr.Dataset]] = Kept("tracks.nc", _read_tracks, _write_tracks)
+TRACKS: Kept[dict[str, xr.Dataset]] = Kept("tracks.nc", _read_tracks, _write_tracks, whole=is_whole)
 INJECTION: Kept[xr.Dataset] = Kept("injection.nc", read_injection, write_injection)
 DISPLACEMENT: Kept[xr.Dataset] = Kept("displacement.nc", None, _write_displacement, beside=("displacement.csv",))

@@ -1,18 +1,40 @@
 """What a tracker is, and how one is found by name; `vfm_sdm.core.parts` lists them."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, runtime_checkable
 
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import find, make
 from vfm_sdm.inputs.session import Method
-from vfm_sdm.inputs.video import Video
+from vfm_sdm.inputs.video import Video, VideoInfo
 from vfm_sdm.stages.registration.designs import SubsetDesign
+from vfm_sdm.stages.tracking.looks import Look
 
-__all__ = ["DesignedTracker", "Tracker", "find_tracker", "tracker_of"]
+__all__ = ["DesignedTracker", "SegmentTracker", "Targets", "Tracker", "find_tracker", "tracker_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """What is followed in one view.
+
+    Parameters
+    ----------
+    points
+        Positions in the reference frame, shape (P, 2) [px], full-image pixels.
+    names
+        Point names, length P.
+    designs
+        Size, warp and mask of each point's subset, for trackers that compare designed ones; ``None`` for a point that
+        is not to be tracked.
+    """
+
+    points: FloatArray
+    names: tuple[str, ...]
+    designs: Sequence[SubsetDesign | None] | None = None
 
 
 class Tracker(Protocol):
@@ -72,6 +94,80 @@ class DesignedTracker(Protocol):
             As in `Tracker.track`.
         designs
             Size, warp and mask of each point's subset; ``None`` for a point that is not to be tracked.
+        """
+        ...
+
+
+@runtime_checkable
+class SegmentTracker(Protocol):
+    """A tracker that follows points through a segment of a recording without the segments before it.
+
+    Its `Tracker.track` is `judge` of the record that `follow` makes of the whole recording.
+    """
+
+    name: str
+
+    def follow(
+        self,
+        video: Video,
+        reference: LumaArray | None,
+        targets: Targets,
+        *,
+        start: Any = None,
+        progress: Progress | None = None,
+    ) -> xr.Dataset:
+        """What is seen of the targets, frame by frame, to be judged when the whole recording was seen.
+
+        Parameters
+        ----------
+        video
+            The segment; read once, in order.
+        reference
+            The reference frame, shape (H, W); ``None`` for the first frame of the segment.
+        targets
+            What is followed.
+        start
+            Where the targets are as the segment begins, of `find_starts`; in the reference frame when left out.
+        progress
+            Called with ``tracking``, the number of frames done so far and that of all.
+
+        Returns
+        -------
+        record
+            Variables over ``time``, over ``sample`` (measurements in some frames), or over neither, which are alike in
+            all segments; see `vfm_sdm.stages.tracking.segments.join_records`.
+        """
+        ...
+
+    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> Sequence[Any]:
+        """Where the targets are as each segment but the first begins.
+
+        Parameters
+        ----------
+        looks
+            First frames of those segments, and frames between them.
+        reference
+            The reference frame, shape (H, W).
+        targets
+            What is followed.
+        """
+        ...
+
+    def on_one_thread(self) -> Self:
+        """The same tracker for one of several processes that share the processors."""
+        ...
+
+    def judge(self, record: xr.Dataset, targets: Targets, info: VideoInfo) -> xr.Dataset:
+        """Tracks of the targets (see `vfm_sdm.core.datasets`), by what was seen of them.
+
+        Parameters
+        ----------
+        record
+            Of `follow`, or of several segments joined.
+        targets
+            What was followed.
+        info
+            What is known of the recording.
         """
         ...
 

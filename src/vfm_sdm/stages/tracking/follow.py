@@ -11,9 +11,9 @@ from vfm_sdm.stages.registration.kernels import FAILED
 from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, DISTINCT_PX, correlation_peaks, has_rival
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
 from vfm_sdm.stages.tracking.templates import WarpedTemplates
-from vfm_sdm.stages.tracking.whereabouts import Disc, LookAlikes, Sighting, Whereabouts, judge_sighting
+from vfm_sdm.stages.tracking.whereabouts import MOST_LOOKS, Disc, LookAlikes, Sighting, Whereabouts, judge_sighting
 
-__all__ = ["LOOK_ALIKE", "FollowSettings", "Follower"]
+__all__ = ["LOOK_ALIKE", "FollowSettings", "FollowState", "Follower"]
 
 LOOK_ALIKE = 0.9
 """Correlation of another place in the reference frame from which on a subset counts as repeated."""
@@ -51,6 +51,27 @@ class FollowSettings:
     predict: bool = True
 
 
+@dataclass(frozen=True, eq=False)
+class FollowState:
+    """Where points are as a follower begins.
+
+    Parameters
+    ----------
+    warps
+        Where each was found last: position of the subset's centre [px] and affine map [1], shape (P, 6).
+    seen, outside, unsure
+        Whether it was found in the last frame, left the image, or may be another one that looks like it, shape (P,).
+    looks
+        Where the points were in single frames far apart, each of shape (P, 2) [px]; NaN where that is not known.
+    """
+
+    warps: FloatArray
+    seen: BoolArray
+    outside: BoolArray
+    unsure: BoolArray
+    looks: tuple[FloatArray, ...] = ()
+
+
 class Follower:
     """Follows the subsets of a bank; every frame is registered to the reference frame, so that errors do not add up.
 
@@ -64,22 +85,44 @@ class Follower:
         Limits.
     executor
         Threads that share the work.
+    start
+        Where the points are; as in the reference frame when left out.
     """
 
-    def __init__(self, bank: SubsetBank, reference: LumaArray, settings: FollowSettings, executor: Executor) -> None:
+    def __init__(
+        self,
+        bank: SubsetBank,
+        reference: LumaArray,
+        settings: FollowSettings,
+        executor: Executor,
+        start: FollowState | None = None,
+    ) -> None:
         self._bank, self._settings, self._executor = bank, settings, executor
         self._half = bank.subset_px // 2
-        identity = np.tile([1.0, 0.0, 0.0, 1.0], (len(bank), 1))
-        self._last = np.concatenate([bank.centers, identity], axis=1)  # warps where each was found last
+        start = start or _at_home(bank)
+        self._last = start.warps.copy()  # where each was found last
         self._step = np.zeros((len(bank), 2))  # motion over the last two frames, where both were found
-        self._seen = bank.usable.copy()
-        self._outside = ~bank.inside
+        self._seen, self._outside = start.seen.copy(), start.outside.copy()
         self._reference = reference.copy()
         self._templates = WarpedTemplates(self._reference, bank)
         self._reach = np.full(len(bank), np.nan)  # filled in for a point when it first takes a step that matters
         self._alike: dict[int, LookAlikes] = {}  # filled in for a point when it is first found again
-        self._unsure = np.zeros(len(bank), np.bool_)
-        self._whereabouts = Whereabouts(self._last[:, :2].copy(), settings.search_radius_px)
+        self._unsure, self._looks = start.unsure.copy(), start.looks
+        self._whereabouts = Whereabouts(bank.centers.astype(float), settings.search_radius_px, start.looks)
+
+    def look(self, luma: LumaArray) -> FollowState:
+        """Where the points are in a single frame, long after the last one.
+
+        Parameters
+        ----------
+        luma
+            The frame, shape (H, W).
+        """
+        self._step[:] = 0.0
+        self.advance(luma)
+        places = np.where((self._seen & ~self._unsure)[:, None], self._last[:, :2], np.nan)
+        self._looks = (*self._looks, places)[-MOST_LOOKS:]
+        return FollowState(self._last.copy(), self._seen.copy(), self._outside.copy(), self._unsure.copy(), self._looks)
 
     def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> tuple[RawRegistration, IntArray]:
         """Registrations in the next frame, and their status: ok, lost, outside or unreliable, shape (P,).
@@ -228,3 +271,10 @@ class Follower:
         away = tried.warps[:, :2] - home[owners, :2]
         apart = tried.converged & (np.hypot(*away.T) > DISTINCT_PX)
         return owners[apart], away[apart], tried.correlation[apart]
+
+
+def _at_home(bank: SubsetBank) -> FollowState:
+    """Subsets where they are in the reference frame."""
+    count = len(bank)
+    warps = np.concatenate([bank.centers, np.tile([1.0, 0.0, 0.0, 1.0], (count, 1))], axis=1)
+    return FollowState(warps, bank.usable, ~bank.inside, np.zeros(count, np.bool_))

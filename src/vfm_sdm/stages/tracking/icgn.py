@@ -2,8 +2,9 @@
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,14 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.core.covariances import judged_std, measured_axes
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.inputs.video import Video
+from vfm_sdm.inputs.video import Video, VideoInfo
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign, check_subset_px
-from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
-from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
-from vfm_sdm.stages.tracking.split_subset import SplitSubsets
-from vfm_sdm.stages.tracking.subset_parts import SubsetParts
+from vfm_sdm.stages.tracking.base import Targets
+from vfm_sdm.stages.tracking.follow import Follower, FollowSettings, FollowState
+from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, find_reference, follow_frames
+from vfm_sdm.stages.tracking.looks import Look, find_starts
+from vfm_sdm.stages.tracking.split_subset import SplitSubsets, judge_halves
+from vfm_sdm.stages.tracking.subset_parts import SubsetParts, judge_parts
 
 __all__ = ["IcgnTracker"]
 
@@ -45,6 +48,13 @@ class IcgnTracker:
         it is designed as one.
     threads
         Threads that share the points; all processors by default.
+
+    Attributes
+    ----------
+    expected
+        Where another tracker saw the points, see `starting_from`.
+    with_parts
+        Whether parts of the subsets are followed beside them, see `of_whole_subsets`.
 
     Raises
     ------
@@ -109,8 +119,8 @@ class IcgnTracker:
         self.subset_px = subset_px
         self.max_std_px = max_std_px
         self.threads = threads or os.cpu_count() or 1
-        self._expected: FloatArray | None = None
-        self._with_parts = True
+        self.expected: FloatArray | None = None
+        self.with_parts = True
 
     def starting_from(self, expected: FloatArray) -> "IcgnTracker":
         """The tracker with starts from another one that followed the same points through the same video.
@@ -121,13 +131,13 @@ class IcgnTracker:
             Where that tracker saw the points, shape (T, P, 2) [px]: registrations start there, unless it is NaN.
         """
         tracker = copy(self)
-        tracker._expected = expected
+        tracker.expected = expected
         return tracker
 
     def of_whole_subsets(self) -> "IcgnTracker":
         """The tracker whose tracks say nothing of parts of subsets, and are the same otherwise."""
         tracker = copy(self)
-        tracker._with_parts = False
+        tracker.with_parts = False
         return tracker
 
     def track(
@@ -174,55 +184,110 @@ class IcgnTracker:
             Points lie outside the image, names are not distinct, there is not one design a point, or there is no such
             reference frame.
         """
-        points = check_points(points2d, names, video)
-        records: list[tuple[_Record, SplitSubsets | None, SubsetParts | None]] = []
+        targets = Targets(check_points(points2d, names, video), tuple(names), designs)
+        record = self.follow(video, find_reference(video, reference_frame), targets, progress=progress)
+        return self.judge(record, targets, video.info).assign_attrs(reference_frame=reference_frame)
+
+    def follow(
+        self,
+        video: Video,
+        reference: LumaArray | None,
+        targets: Targets,
+        *,
+        start: FollowState | None = None,
+        progress: Progress | None = None,
+    ) -> xr.Dataset:
+        """Registrations of a segment; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+
+        Parameters
+        ----------
+        video, reference, targets, start, progress
+            As there.
+        """
+        following: list[_Following] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
-            def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
-                size = self.subset_px
-                bank = SubsetBank.prepare(reference, points, subset_px=size, designs=designs, executor=executor)
-                record = _Record(bank, Follower(bank, reference, self.settings, executor))
-                halves = SplitSubsets(reference, bank, executor) if self._with_parts else None
-                parts = SubsetParts(reference, bank, executor) if self._with_parts and designs is not None else None
-                records.append((record, halves, parts))
-                places = iter(() if self._expected is None else self._expected)
+            def begin(luma: LumaArray) -> Callable[[LumaArray], None]:
+                following.append(_Following(self, luma, targets, start, executor))
+                return following[0].advance
 
-                def advance(luma: LumaArray) -> None:
-                    found = record.advance(luma, next(places, None))
-                    for one in (halves, parts):
-                        if one is not None:
-                            one.advance(luma, found)
+            time_s = follow_frames(video, reference, begin, progress)
+            return following[0].record(time_s)
 
-                return advance
+    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[FollowState | None]:
+        """Where the points are as segments begin; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
 
-            time_s = follow_frames(video, reference_frame, begin, progress)
-        record, halves, parts = records[0]
-        position, covariance, correlation, status = record.arrays()
+        Parameters
+        ----------
+        looks, reference, targets
+            As there.
+        """
+        with ThreadPoolExecutor(self.threads) as executor:
+            bank = self.prepare(reference, targets, executor)
+
+            def make(start: FollowState | None, radius_px: int) -> Follower:
+                settings = replace(self.settings, search_radius_px=radius_px)
+                return Follower(bank, reference, settings, executor, start)
+
+            return find_starts(looks, make, self.settings.search_radius_px)
+
+    def on_one_thread(self) -> "IcgnTracker":
+        """The same tracker for one of several processes that share the processors."""
+        tracker = copy(self)
+        tracker.threads = 1
+        return tracker
+
+    def judge(self, record: xr.Dataset, targets: Targets, info: VideoInfo) -> xr.Dataset:
+        """Tracks of registrations; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+
+        Parameters
+        ----------
+        record, targets, info
+            As there.
+        """
+        names = ("position", "position_covariance", "correlation", "status")
+        position, covariance, correlation, status = (record[name].values.copy() for name in names)
         # Reliability is judged here, where the covariances are known.
         found = (status == Status.OK) | (status == Status.UNRELIABLE)
         lost = found & ~np.isfinite(covariance).all(axis=(2, 3)) | _find_covered(correlation, status)
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
-        across = record.bank.edge_across
+        across = record["edge_across"].values
         doubtful = correlation < self.settings.reliable_correlation
         doubtful |= judged_std(covariance, across) > self.max_std_px
         status[doubtful & (status == Status.OK)] = Status.UNRELIABLE
         attrs = {
             "tracker": self.name,
-            "source": video.info.source,
-            "image_width": video.info.width,
-            "image_height": video.info.height,
-            "reference_frame": reference_frame,
+            "source": info.source,
+            "image_width": info.width,
+            "image_height": info.height,
+            "reference_frame": 0,
             "subset_px": self.subset_px,
         }
-        tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
+        tracks = make_tracks(record["time"].values, targets.names, position, covariance, status, attrs=attrs)
         tracks = tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
-        if halves is None:
+        if "half_difference" not in record:
             return tracks
-        if designs is not None and parts is not None:
-            halves_covariance = (("time", "point", "pixel_a", "pixel_b"), halves.covariances(), {"units": "px2"})
-            tracks = tracks.assign(_describe(designs, across, parts)).assign(half_covariance=halves_covariance)
-        return tracks.assign(half_difference=(("time", "point", "pixel"), halves.differences(), {"units": "px"}))
+        if targets.designs is not None:
+            described = _describe(targets.designs, record)
+            halves = (("time", "point", "pixel_a", "pixel_b"), record["half_covariance"].values, {"units": "px2"})
+            tracks = tracks.assign(described).assign(half_covariance=halves)
+        return tracks.assign(half_difference=(("time", "point", "pixel"), judge_halves(record), {"units": "px"}))
+
+    def prepare(self, reference: LumaArray, targets: Targets, executor: Executor) -> SubsetBank:
+        """The targets' subsets in a reference frame.
+
+        Parameters
+        ----------
+        reference
+            The frame, shape (H, W).
+        targets
+            What is followed.
+        executor
+            Threads that share the work.
+        """
+        size, designs = self.subset_px, targets.designs
+        return SubsetBank.prepare(reference, targets.points, subset_px=size, designs=designs, executor=executor)
 
 
 def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:
@@ -241,49 +306,82 @@ def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:
     return np.asarray(covered | (beside & (left > np.maximum(_BESIDE * usual, _LEAST_COVERED))))
 
 
-class _Record:
-    """Registrations of a follower in all frames so far; covariances are computed for many frames at a time."""
+class _Following:
+    """Registrations of all targets in the frames so far; covariances are computed for many frames at a time."""
 
-    def __init__(self, bank: SubsetBank, follower: Follower) -> None:
-        self.bank, self._follower = bank, follower
+    def __init__(
+        self,
+        tracker: IcgnTracker,
+        reference: LumaArray,
+        targets: Targets,
+        start: FollowState | None,
+        executor: Executor,
+    ) -> None:
+        self._bank = tracker.prepare(reference, targets, executor)
+        self._follower = Follower(self._bank, reference, tracker.settings, executor, start)
+        self._beside: list[SplitSubsets | SubsetParts] = []
+        if tracker.with_parts:
+            self._beside.append(SplitSubsets(reference, self._bank, executor))
+            if targets.designs is not None:
+                self._beside.append(SubsetParts(reference, self._bank, executor))
+        self._expected = iter(() if tracker.expected is None else tracker.expected)
         self._open: list[tuple[RawRegistration, IntArray]] = []
         self._closed: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []
 
-    def advance(self, luma: LumaArray, expected: FloatArray | None = None) -> RawRegistration:
-        """Registrations in the next frame.
+    def advance(self, luma: LumaArray) -> None:
+        """Takes the next frame.
 
         Parameters
         ----------
         luma
             The frame, shape (H, W).
-        expected
-            Where the points should be in it, shape (P, 2) [px].
         """
-        found = self._follower.advance(luma, expected)
+        found = self._follower.advance(luma, next(self._expected, None))
         self._open.append(found)
         if len(self._open) == _CHUNK:
             self._close()
-        return found[0]
+        for one in self._beside:
+            one.advance(luma, found[0])
 
-    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        """Positions (T, P, 2), covariances (T, P, 2, 2), correlations and status codes (T, P)."""
-        if self._open:
+    def record(self, time_s: FloatArray) -> xr.Dataset:
+        """The record of all frames.
+
+        Parameters
+        ----------
+        time_s
+            When they were taken, shape (T,) [s].
+        """
+        if self._open or not self._closed:
             self._close()
         position, covariance, correlation, status = (np.concatenate(a) for a in zip(*self._closed, strict=True))
-        return position, covariance, correlation, status
+        variables: dict[str, Any] = {
+            "position": (("time", "point", "pixel"), position, {"units": "px"}),
+            "position_covariance": (("time", "point", "pixel_a", "pixel_b"), covariance, {"units": "px2"}),
+            "correlation": (("time", "point"), correlation, {"units": "1"}),
+            "status": (("time", "point"), status.astype(np.int8)),
+            "edge_across": (("point", "pixel"), self._bank.edge_across, {"units": "1"}),
+        }
+        for one in self._beside:
+            variables |= one.record()
+        return xr.Dataset(variables, coords={"time": ("time", time_s, {"units": "s"})})
 
     def _close(self) -> None:
-        frames, points = len(self._open), len(self.bank)
-        found = self.bank.interpret(RawRegistration.joined([raw for raw, _ in self._open]))
+        frames, points = len(self._open), len(self._bank)
+        if not frames:  # a segment of which nothing could be decoded
+            empty = np.zeros((0, points))
+            self._closed.append((np.zeros((0, points, 2)), np.zeros((0, points, 2, 2)), empty, empty.astype(np.int64)))
+            return
+        found = self._bank.interpret(RawRegistration.joined([raw for raw, _ in self._open]))
         position, correlation = found.position.reshape(frames, points, 2), found.correlation.reshape(frames, points)
         covariance = found.covariance.reshape(frames, points, 2, 2)
         self._closed.append((position, covariance, correlation, np.array([codes for _, codes in self._open])))
         self._open.clear()
 
 
-def _describe(designs: Sequence[SubsetDesign | None], across: FloatArray, parts: SubsetParts) -> dict[str, Any]:
-    """What the tracks say of the designs of P points, with directions across edges (P, 2), and of their parts."""
-    noise, gain_std = parts.judge(measured_axes(across))
+def _describe(designs: Sequence[SubsetDesign | None], record: xr.Dataset) -> dict[str, Any]:
+    """What the tracks say of the designs of P points, and of their parts."""
+    across = record["edge_across"].values
+    noise, gain_std = judge_parts(record, designs, measured_axes(across))
     believed = [0.0 if design is None else design.believed_px / design.subset_px**2 for design in designs]
     return {
         "subset_px": ("point", [0 if design is None else design.subset_px for design in designs], {"units": "px"}),

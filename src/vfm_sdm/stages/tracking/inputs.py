@@ -9,7 +9,7 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.inputs.video import Frame, Video
 
-__all__ = ["check_correlations", "check_counts", "check_points", "follow_frames"]
+__all__ = ["check_correlations", "check_counts", "check_points", "find_reference", "follow_frames"]
 
 
 def check_points(points2d: FloatArray, names: Sequence[str], video: Video) -> FloatArray:
@@ -99,7 +99,7 @@ def check_correlations(tracker: str, minimum: float, reliable: float) -> None:
 
 def follow_frames(
     video: Video,
-    reference_frame: int,
+    reference: LumaArray | None,
     begin: Callable[[LumaArray], Callable[[LumaArray], None]],
     progress: Progress | None,
 ) -> FloatArray:
@@ -108,20 +108,20 @@ def follow_frames(
     Parameters
     ----------
     video
-        Read once, in order; a reference frame other than the first is fetched in a pass of its own.
-    reference_frame
-        Index of the frame that ``begin`` gets.
+        Read once, in order.
+    reference
+        The reference frame, shape (H, W); ``None`` for the first one of the pass.
     begin
-        Called with the luma of the reference frame, shape (H, W); returns what is called with that of each frame.
+        Called with the reference frame; returns what is called with each frame.
     progress
         Called with ``tracking``, the number of frames done so far and that of all.
 
     Raises
     ------
     DatasetError
-        The video has no such frame.
+        Neither a reference frame is given nor has the video one.
     """
-    advance = None if reference_frame == 0 else begin(_frame(video, reference_frame).luma)
+    advance = None if reference is None else begin(reference)
     time_s: list[float] = []
     for frame in video.frames():
         if advance is None:
@@ -130,9 +130,27 @@ def follow_frames(
         time_s.append(frame.time_s)
         if progress is not None:
             progress("tracking", len(time_s), video.info.frame_count)
-    if not time_s:
+    if advance is None:
         raise DatasetError("video: expected at least one frame, got none; check the file")
     return np.array(time_s)
+
+
+def find_reference(video: Video, index: int) -> LumaArray | None:
+    """The reference frame, shape (H, W), by a pass up to it; ``None`` for the first one, which every pass begins with.
+
+    Parameters
+    ----------
+    video
+        The view.
+    index
+        Number of the frame.
+
+    Raises
+    ------
+    DatasetError
+        The video has no such frame.
+    """
+    return None if index == 0 else _frame(video, index).luma
 
 
 def _frame(video: Video, index: int) -> Frame:

@@ -2,14 +2,16 @@
 
 from concurrent.futures import Executor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign
 
-__all__ = ["SplitSubsets"]
+__all__ = ["SplitSubsets", "judge_halves"]
 
 _LEAST_SIDE_PX = 11
 _EVERY = 4
@@ -51,7 +53,7 @@ class SplitSubsets:
                 self._bank = SubsetBank.prepare(reference, places, designs=designs, executor=executor)
         self._found: list[FloatArray] = []
         self._halves: dict[int, RawRegistration] = {}
-        self._tried = np.zeros(len(whole), np.int64)
+        self._tried: list[BoolArray] = []
 
     def advance(self, luma: LumaArray, found: RawRegistration) -> None:
         """Takes the next frame, and where the whole subsets were found in it.
@@ -63,32 +65,33 @@ class SplitSubsets:
         found
             Registrations of the P whole subsets in it.
         """
-        difference = np.full((len(self._whole), 2), np.nan)
+        difference, tried = np.full((len(self._whole), 2), np.nan), np.zeros(len(self._whole), np.bool_)
         if self._bank is not None and len(self._found) % _EVERY == 0:
             difference, halves = self._measure(self._bank, luma, found)
             if self._whole.designs is not None:
                 self._halves[len(self._found)] = halves
-            self._tried += found.converged
+            tried = found.converged
         self._found.append(difference)
+        self._tried.append(tried)
 
-    def differences(self) -> FloatArray:
-        """How far the right halves moved beyond the left ones, shape (T, P, 2) [px]; NaN where not tracked.
+    def record(self) -> dict[str, Any]:
+        """How far the right halves moved beyond the left ones so far, as variables of a record of tracks.
 
-        Halves of designed subsets that are often not found have too little to follow, and are NaN throughout.
+        ``half_difference`` (time, point, pixel) [px], NaN where not tracked; ``half_tried`` (time, point), whether the
+        whole was there to try; and, of designed subsets, ``half_covariance`` [px2].
         """
-        found = np.stack(self._found)
-        if self._whole.designs is None:
-            return found
-        often = np.isfinite(found).all(axis=2).sum(axis=0) >= _OFTEN * self._tried
-        return np.where(often[:, None], found, np.nan)
-
-    def covariances(self) -> FloatArray:
-        """Covariances of these differences, shape (T, P, 2, 2) [px2]; NaN where the subsets were not designed."""
-        covariances = np.full((len(self._found), len(self._whole), 2, 2), np.nan)
-        if self._bank is not None and self._halves:
-            stated = self._bank.interpret(RawRegistration.joined(list(self._halves.values()))).covariance
-            covariances[list(self._halves)] = stated.reshape(len(self._halves), 2, len(self._whole), 2, 2).sum(axis=1)
-        return covariances
+        shape = (len(self._found), len(self._whole))
+        variables: dict[str, Any] = {
+            "half_difference": (("time", "point", "pixel"), np.reshape(self._found, (*shape, 2)), {"units": "px"}),
+            "half_tried": (("time", "point"), np.reshape(self._tried, shape)),
+        }
+        if self._whole.designs is not None:
+            covariances = np.full((*shape, 2, 2), np.nan)
+            if self._bank is not None and self._halves:
+                stated = self._bank.interpret(RawRegistration.joined(list(self._halves.values()))).covariance
+                covariances[list(self._halves)] = stated.reshape(len(self._halves), 2, shape[1], 2, 2).sum(axis=1)
+            variables["half_covariance"] = (("time", "point", "pixel_a", "pixel_b"), covariances, {"units": "px2"})
+        return variables
 
     def _measure(self, bank: SubsetBank, luma: LumaArray, found: RawRegistration) -> tuple[FloatArray, RawRegistration]:
         affine = np.where(found.converged[:, None], found.warps[:, 2:], np.nan).reshape(-1, 2, 2)
@@ -113,3 +116,22 @@ def _cut_half(design: SubsetDesign, side: int) -> SubsetDesign | None:
     if mask is not None and np.count_nonzero(mask) < FEWEST_BELIEVED_PX:
         return None
     return replace(design, subset_px=half_px, mask=mask)
+
+
+def judge_halves(record: xr.Dataset) -> FloatArray:
+    """``half_difference`` of a record, shape (T, P, 2) [px], without halves that are often not found.
+
+    Parameters
+    ----------
+    record
+        With the variables of `SplitSubsets.record`, of one pass or of several joined.
+
+    Notes
+    -----
+    Halves of designed subsets that are often not found have too little to follow, and are NaN throughout.
+    """
+    found = record["half_difference"].values
+    if "half_covariance" not in record:
+        return np.asarray(found)
+    often = np.isfinite(found).all(axis=2).sum(axis=0) >= _OFTEN * record["half_tried"].values.sum(axis=0)
+    return np.where(often[:, None], found, np.nan)

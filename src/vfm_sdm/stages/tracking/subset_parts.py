@@ -1,23 +1,27 @@
 """Parts of subsets, followed by themselves: how far a subset's error and gain go beyond what its residuals say."""
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.stages.registration.designs import FEWEST_BELIEVED_PX, SubsetDesign, Warp
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank
 from vfm_sdm.stages.tracking.injection.gains import compute_gain
 
-__all__ = ["SubsetParts", "compute_disagreement", "compute_gain_spread"]
+__all__ = ["MOST_SAMPLES", "SubsetParts", "compute_disagreement", "compute_gain_spread", "judge_parts"]
 
 _STRIPS = 4
 """Strips along each direction: the fewest that can be joined to halves."""
 _EVERY = 2
-_MOST = 128
+MOST_SAMPLES = 128
 """Measurements that are kept: enough for variances. Beyond, every second one is dropped and half as many are made, so
 that the cost hardly grows with the length of a recording."""
+_RECORDED = ("motion", "apart", "covariance", "point", "order", "freedoms")
 _QUARTERS, _HALVES, _BALANCED = np.array([0, 1, 2, 3]), np.array([0, 0, 1, 1]), np.array([0, 1, 1, 0])
 _OFTEN = 0.8
 """Share of the frames that show the whole in which a strip has to be found."""
@@ -81,48 +85,75 @@ class SubsetParts:
         rows = np.arange(len(self._rows))
         self._strips.append(self._bank.run(luma, rows, start[self._rows], executor=self._executor))
         self._motion.append(self._whole.position(found.rows, start) - self._whole.points)
-        if len(self._motion) == _MOST:
+        if len(self._motion) == MOST_SAMPLES:
             self._every *= 2
             self._motion, self._strips = self._motion[1::2], self._strips[1::2]
 
-    def judge(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Disagreement of the strips of each point.
+    def record(self) -> dict[str, Any]:
+        """Measurements so far, as variables of a record of tracks.
 
-        Parameters
-        ----------
-        directions
-            Directions that are judged, as rows, shape (P, 2, 2) [1]; of an edge only the first, across it.
-
-        Returns
-        -------
-        noise, gain_std
-            Standard deviation of the whole's position by the strips' scatter [px], and of the gain by the spread of
-            theirs [1], shape (P, 2); NaN where it is not known, as where the motion is too small to tell a gain.
+        ``part_motion`` (sample, point, pixel) and ``part_apart`` (sample, strip, pixel) are how far the wholes and the
+        strips moved [px], with ``part_covariance`` [px2]; ``part_point`` and ``part_order`` (strip) say whose strip one
+        is, in which direction; ``part_freedoms`` (point) counts the parameters that a whole's warp has.
         """
-        noise, gain_std = np.full((len(self._whole), 2), np.nan), np.full((len(self._whole), 2), np.nan)
-        if self._bank is None or len(self._motion) < _FEWEST:
-            return noise, gain_std
-        motion, strips = np.stack(self._motion), self._bank.interpret(RawRegistration.joined(self._strips))
-        places = strips.position.reshape(len(motion), -1, 2) - self._whole.points[self._rows]
-        covariances = strips.covariance.reshape(len(motion), -1, 2, 2)
-        orders = np.array([order for _, order in self._owners])
-        for point, design in enumerate(self._whole.designs or ()):
-            if design is None or not np.any(self._rows == point):
-                continue
-            turns = self._whole.freedoms[point] > _PLACE
-            of_noise = _BALANCED if turns else _HALVES
-            for direction in range(1 if design.warp == Warp.EDGE else 2):
-                along = directions[point, direction]
-                found = []
-                for order in (0, 1):
-                    mine = np.flatnonzero((self._rows == point) & (orders == order))
-                    variance = np.einsum("i,tkij,j->tk", along, covariances[:, mine], along)
-                    found.append(_judge(places[:, mine] @ along, variance, motion[:, point] @ along, of_noise))
-                noises, spreads = np.array(found).T
-                # Strips beside an edge hold little of it: they tell a motion of their own, but no noise of the whole.
-                noise[point, direction] = noises[1] if design.warp == Warp.EDGE else np.fmax(noises[0], noises[1])
-                gain_std[point, direction] = np.fmax(spreads[0], spreads[1])
+        strips, samples = len(self._rows), len(self._motion)
+        apart, covariance = np.zeros((samples, strips, 2)), np.zeros((samples, strips, 2, 2))
+        if self._bank is not None and samples:
+            found = self._bank.interpret(RawRegistration.joined(self._strips))
+            apart = found.position.reshape(samples, strips, 2) - self._whole.points[self._rows]
+            covariance = found.covariance.reshape(samples, strips, 2, 2)
+        motion = np.stack(self._motion) if samples else np.zeros((0, len(self._whole), 2))
+        return {
+            "part_motion": (("sample", "point", "pixel"), motion, {"units": "px"}),
+            "part_apart": (("sample", "strip", "pixel"), apart, {"units": "px"}),
+            "part_covariance": (("sample", "strip", "pixel_a", "pixel_b"), covariance, {"units": "px2"}),
+            "part_point": ("strip", self._rows),
+            "part_order": ("strip", np.array([order for _, order in self._owners], np.int64)),
+            "part_freedoms": ("point", self._whole.freedoms),
+        }
+
+
+def judge_parts(
+    record: xr.Dataset, designs: Sequence[SubsetDesign | None], directions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Disagreement of the strips of each point.
+
+    Parameters
+    ----------
+    record
+        With the variables of `SubsetParts.record`, of one pass or of several joined.
+    designs
+        Design of each of the P subsets.
+    directions
+        Directions that are judged, as rows, shape (P, 2, 2) [1]; of an edge only the first, across it.
+
+    Returns
+    -------
+    noise, gain_std
+        Standard deviation of the whole's position by the strips' scatter [px], and of the gain by the spread of theirs
+        [1], shape (P, 2); NaN where it is not known, as where the motion is too small to tell a gain.
+    """
+    noise, gain_std = np.full((len(designs), 2), np.nan), np.full((len(designs), 2), np.nan)
+    motion, places, covariances, rows, orders, freedoms = (record[f"part_{name}"].values for name in _RECORDED)
+    if len(motion) < _FEWEST:
         return noise, gain_std
+    for point, design in enumerate(designs):
+        if design is None or not np.any(rows == point):
+            continue
+        turns = freedoms[point] > _PLACE
+        of_noise = _BALANCED if turns else _HALVES
+        for direction in range(1 if design.warp == Warp.EDGE else 2):
+            along = directions[point, direction]
+            found = []
+            for order in (0, 1):
+                mine = np.flatnonzero((rows == point) & (orders == order))
+                variance = np.einsum("i,tkij,j->tk", along, covariances[:, mine], along)
+                found.append(_judge(places[:, mine] @ along, variance, motion[:, point] @ along, of_noise))
+            noises, spreads = np.array(found).T
+            # Strips beside an edge hold little of it: they tell a motion of their own, but no noise of the whole.
+            noise[point, direction] = noises[1] if design.warp == Warp.EDGE else np.fmax(noises[0], noises[1])
+            gain_std[point, direction] = np.fmax(spreads[0], spreads[1])
+    return noise, gain_std
 
 
 def compute_disagreement(places: FloatArray, weights: FloatArray) -> float:

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from copy import copy
 
 import numpy as np
 import xarray as xr
@@ -10,10 +11,12 @@ import xarray as xr
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.inputs.video import Video
+from vfm_sdm.inputs.video import Video, VideoInfo
 from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset, has_rival
 from vfm_sdm.stages.registration.subsets import SubsetBank, check_subset_px
-from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
+from vfm_sdm.stages.tracking.base import Targets
+from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, find_reference, follow_frames
+from vfm_sdm.stages.tracking.looks import Look
 
 __all__ = ["DIVISIONS", "TemplateTracker"]
 
@@ -124,27 +127,83 @@ class TemplateTracker:
         DatasetError
             Points lie outside the image, names are not distinct, or there is no such reference frame.
         """
-        points = check_points(points2d, names, video)
+        targets = Targets(check_points(points2d, names, video), tuple(names))
+        record = self.follow(video, find_reference(video, reference_frame), targets, progress=progress)
+        return self.judge(record, targets, video.info).assign_attrs(reference_frame=reference_frame)
+
+    def follow(
+        self,
+        video: Video,
+        reference: LumaArray | None,
+        targets: Targets,
+        *,
+        start: None = None,
+        progress: Progress | None = None,
+    ) -> xr.Dataset:
+        """Places of a segment; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+
+        Parameters
+        ----------
+        video, reference, targets, start, progress
+            As there; targets are looked for around their places in the reference frame, wherever they were last.
+        """
         located: list[_Located] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
-            def begin(reference: LumaArray) -> Callable[[LumaArray], None]:
-                matcher = _TemplateSet(self, reference, points, executor)
+            def begin(luma: LumaArray) -> Callable[[LumaArray], None]:
+                matcher = _TemplateSet(self, luma, targets.points, executor)
                 return lambda luma: located.append(matcher.locate(luma))
 
-            time_s = follow_frames(video, reference_frame, begin, progress)
-        position, covariance, correlation, status = (np.array(part) for part in zip(*located, strict=True))
+            time_s = follow_frames(video, reference, begin, progress)
+        shape = (len(located), len(targets.points))
+        position, covariance, correlation, status = (
+            np.array([one[part] for one in located]).reshape(*shape, *(2,) * more)
+            for part, more in enumerate((1, 2, 0, 0))
+        )
+        variables = {
+            "position": (("time", "point", "pixel"), position, {"units": "px"}),
+            "position_covariance": (("time", "point", "pixel_a", "pixel_b"), covariance, {"units": "px2"}),
+            "correlation": (("time", "point"), correlation, {"units": "1"}),
+            "status": (("time", "point"), status.astype(np.int8)),
+        }
+        return xr.Dataset(variables, coords={"time": ("time", time_s, {"units": "s"})})
+
+    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[None]:
+        """Nothing; see `follow`.
+
+        Parameters
+        ----------
+        looks, reference, targets
+            As of `vfm_sdm.stages.tracking.base.SegmentTracker`.
+        """
+        return [None] * len(looks)
+
+    def on_one_thread(self) -> "TemplateTracker":
+        """The same tracker for one of several processes that share the processors."""
+        tracker = copy(self)
+        tracker.threads = 1
+        return tracker
+
+    def judge(self, record: xr.Dataset, targets: Targets, info: VideoInfo) -> xr.Dataset:
+        """Tracks of places; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+
+        Parameters
+        ----------
+        record, targets, info
+            As there.
+        """
         attrs = {
             "tracker": self.name,
-            "source": video.info.source,
-            "image_width": video.info.width,
-            "image_height": video.info.height,
-            "reference_frame": reference_frame,
+            "source": info.source,
+            "image_width": info.width,
+            "image_height": info.height,
+            "reference_frame": 0,
             "subset_px": self.subset_px,
             "resolution_px": 1 / DIVISIONS,
         }
-        tracks = make_tracks(time_s, names, position, covariance, status, attrs=attrs)
-        return tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
+        values = (record[name].values for name in ("position", "position_covariance", "status"))
+        tracks = make_tracks(record["time"].values, targets.names, *values, attrs=attrs)
+        return tracks.assign(correlation=(("time", "point"), record["correlation"].values, {"units": "1"}))
 
 
 class _TemplateSet:

@@ -1,24 +1,32 @@
 """All points tracked in every view, each view on its own clock (A of Figure 4)."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import Status, make_tracks
-from vfm_sdm.core.products import Resume
+from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.inputs.video import Video
-from vfm_sdm.stages.tracking.base import DesignedTracker, Tracker
+from vfm_sdm.inputs.video import Video, VideoInfo, join_passes
+from vfm_sdm.stages.tracking.base import DesignedTracker, SegmentTracker, Targets, Tracker
 from vfm_sdm.stages.tracking.frame_clock import check_frames
+from vfm_sdm.stages.tracking.inputs import check_points
 from vfm_sdm.stages.tracking.lone_errors import include_lone_errors
+from vfm_sdm.stages.tracking.segments import (
+    TrackedSegments,
+    Work,
+    join_records,
+    plan_segments,
+    read_pass,
+    track_segments,
+)
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
+from vfm_sdm.stages.tracking.undivided import InOnePiece, NoTargets
 
-__all__ = ["track_views"]
+__all__ = ["is_whole", "track_views"]
 
 
 def track_views(
@@ -28,13 +36,13 @@ def track_views(
     *,
     subsets: Mapping[str, Mapping[str, SubsetChoice]] | None = None,
     progress: Progress | None = None,
-    resume: Resume[dict[str, xr.Dataset]] | None = None,
+    work: Work | None = None,
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
 
     Covariances are raised to the scatter of the tracks, see `include_track_noise`, and those of single samples to how
     far they leave their path, see `include_lone_errors`. The decoder's report on each recording is the attribute
-    ``recording`` of its tracks, a table.
+    ``recording`` of its tracks, a table; what could not be tracked is its entry ``untracked``, intervals [s].
 
     Parameters
     ----------
@@ -49,8 +57,8 @@ def track_views(
         that is refused there has no track.
     progress
         Called with the view and the frames done.
-    resume
-        Views that were done before this run, and how to keep those that are.
+    work
+        How recordings are divided, who tracks the segments, and where they are kept.
 
     Raises
     ------
@@ -59,63 +67,91 @@ def track_views(
     DatasetError
         A position does not lie in its picture.
     """
-    done = (None if resume is None else resume.found) or {}
-    tracks: dict[str, xr.Dataset] = {}
-    for view, video in videos.items():
-        if view in done:
-            tracks[view] = done[view]
-            continue
-        if tracks and resume is not None:
-            resume.keep(tracks)
-        chosen = None if subsets is None else subsets.get(view)
-        found = _track_view(video, points.sel(view=view), tracker, chosen, _named(progress, view))
-        if chosen:
-            found = found.assign(_describe_choices(chosen, [str(name) for name in found["point"].values]))
-        found.attrs.update(view=view, image_width=video.info.width, image_height=video.info.height)
-        found.attrs["pixel_aspect"] = video.info.pixel_aspect
-        clock = check_frames(found, alike=video.report.alike)
-        tracks[view] = include_lone_errors(include_track_noise(clock.tracks))
-        tracks[view].attrs["recording"] = {
-            **asdict(video.report),
-            "stated_frames": video.info.frame_count,
-            "bits_per_pixel": _bits_per_pixel(video),
-            "time_scale": video.info.time_scale,
-            **clock.facts,
-            "remarks": [*video.info.remarks, *clock.facts["remarks"]],
-            "doubts": [*video.info.doubts, *clock.facts["doubts"]],
-        }
-    return tracks
-
-
-def _track_view(
-    video: Video,
-    points: xr.Dataset,
-    tracker: Tracker,
-    subsets: Mapping[str, SubsetChoice] | None,
-    progress: Progress | None,
-) -> xr.Dataset:
-    """Tracks of one view; rows of NaN and status lost for the points that have no position."""
-    names = [str(name) for name in points["point"].values]
-    positions = points["position"].transpose("point", "pixel").values
-    known = np.isfinite(positions).all(axis=1)
-    if not known.any():
-        return _lost_tracks(np.array([frame.time_s for frame in video.frames()]), names)
-    chosen = [name for name, ok in zip(names, known, strict=True) if ok]
-    if subsets and isinstance(tracker, DesignedTracker):
-        designs = [subsets[name].design for name in chosen]
-        tracks = tracker.track(video, positions[known], names=chosen, progress=progress, designs=designs)
-    else:
-        tracks = tracker.track(video, positions[known], names=chosen, progress=progress)
-    if known.all():
-        return tracks
-    missing = {
-        "status": tracks["status"].dtype.type(Status.LOST),
-        "subset_px": 0,
-        "warp": "",
-        "shading": 0,
-        "believed": 0.0,
+    work = work or Work()
+    views = {
+        view: _View.of(video, points.sel(view=view), tracker, (subsets or {}).get(view))
+        for view, video in videos.items()
     }
-    return tracks.reindex(point=names, fill_value={name: missing.get(str(name), np.nan) for name in tracks.data_vars})
+    plans = {
+        name: plan_segments(view.video, view.tracker, view.targets, work.segment_s) for name, view in views.items()
+    }
+    tracked = track_segments(plans, work, progress)
+    return {name: _finish(name, view, tracked[name]) for name, view in views.items()}
+
+
+def is_whole(tracks: Mapping[str, xr.Dataset]) -> bool:
+    """Whether every segment of every view was tracked.
+
+    Parameters
+    ----------
+    tracks
+        Tracks by view, shape (T, P, 2) [px].
+    """
+    return not any(of_view.attrs.get("recording", {}).get("untracked") for of_view in tracks.values())
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A recording, who follows its points, and those that have a position in its first frame."""
+
+    video: Video
+    names: list[str]
+    targets: Targets
+    tracker: SegmentTracker
+    subsets: Mapping[str, SubsetChoice] | None
+
+    @classmethod
+    def of(
+        cls, video: Video, points: xr.Dataset, tracker: Tracker, subsets: Mapping[str, SubsetChoice] | None
+    ) -> "_View":
+        names = [str(name) for name in points["point"].values]
+        positions = points["position"].transpose("point", "pixel").values
+        known = np.isfinite(positions).all(axis=1)
+        chosen = tuple(name for name, ok in zip(names, known, strict=True) if ok)
+        designs = None
+        if subsets and isinstance(tracker, DesignedTracker):
+            designs = [subsets[name].design for name in chosen]
+        if not chosen:
+            return cls(video, names, Targets(positions[known], chosen), NoTargets(), subsets)
+        targets = Targets(check_points(positions[known], chosen, video), chosen, designs)
+        return cls(
+            video, names, targets, tracker if isinstance(tracker, SegmentTracker) else InOnePiece(tracker), subsets
+        )
+
+
+def _finish(name: str, view: _View, tracked: TrackedSegments) -> xr.Dataset:
+    """Tracks of a view, of the records of its segments."""
+    records = tracked.records()
+    report = join_passes([read_pass(record) for record in records]).report(view.video.info)
+    found = view.tracker.judge(join_records(records), view.targets, view.video.info)
+    if len(view.targets.names) < len(view.names):
+        missing = {
+            "status": found["status"].dtype.type(Status.LOST),
+            "subset_px": 0,
+            "warp": "",
+            "shading": 0,
+            "believed": 0.0,
+        }
+        fill = {key: missing.get(str(key), np.nan) for key in found.data_vars}
+        found = found.reindex(point=view.names, fill_value=fill)
+    if view.subsets:
+        found = found.assign(_describe_choices(view.subsets, view.names))
+    info = view.video.info
+    found.attrs.update(view=name, image_width=info.width, image_height=info.height, pixel_aspect=info.pixel_aspect)
+    clock = check_frames(found, alike=report.alike)
+    tracks = include_lone_errors(include_track_noise(clock.tracks))
+    tracks.attrs["recording"] = {
+        **asdict(report),
+        "stated_frames": info.frame_count,
+        "bits_per_pixel": _bits_per_pixel(info, report.frames),
+        "time_scale": info.time_scale,
+        **clock.facts,
+        "segments": tracked.count,
+        "untracked": [list(interval) for interval in tracked.untracked],
+        "remarks": [*info.remarks, *tracked.remarks, *clock.facts["remarks"]],
+        "doubts": [*info.doubts, *tracked.doubts, *clock.facts["doubts"]],
+    }
+    return tracks
 
 
 def _describe_choices(subsets: Mapping[str, SubsetChoice], names: list[str]) -> dict[str, Any]:
@@ -128,19 +164,7 @@ def _describe_choices(subsets: Mapping[str, SubsetChoice], names: list[str]) -> 
     }
 
 
-def _lost_tracks(time_s: FloatArray, names: list[str]) -> xr.Dataset:
-    """Tracks of points none of which has a position."""
-    shape = (len(time_s), len(names))
-    nothing = np.full((*shape, 2), np.nan), np.full((*shape, 2, 2), np.nan)
-    return make_tracks(time_s, names, *nothing, np.full(shape, Status.LOST), attrs={})
-
-
-def _named(progress: Progress | None, view: str) -> Progress | None:
-    """Progress that also says which view it is about."""
-    return None if progress is None else lambda what, done, total: progress(f"{what} {view}", done, total)
-
-
-def _bits_per_pixel(video: Video) -> float:
+def _bits_per_pixel(info: VideoInfo, frames: int) -> float:
     """Size of a video's file over the pixels it holds; NaN for images."""
-    pixels = video.info.width * video.info.height * max(video.report.frames, 1)
-    return float("nan") if video.info.size_bytes is None else 8 * video.info.size_bytes / pixels
+    pixels = info.width * info.height * max(frames, 1)
+    return float("nan") if info.size_bytes is None else 8 * info.size_bytes / pixels

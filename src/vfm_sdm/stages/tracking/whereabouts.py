@@ -1,5 +1,6 @@
 """Where a lost point may be, and whether what is found there may be something else that looks like it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -8,7 +9,7 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.stages.registration.peaks import AMBIGUITY_MARGIN, DISTINCT_PX
 
-__all__ = ["Disc", "LookAlikes", "Sighting", "Whereabouts", "judge_sighting"]
+__all__ = ["MOST_LOOKS", "Disc", "LookAlikes", "Sighting", "Whereabouts", "judge_sighting"]
 
 _FEWEST = 10
 """Samples from which on the motion that was seen says how far and how fast a point goes."""
@@ -23,6 +24,8 @@ _FLOOR_PX = 0.5
 _NEIGHBOURS = 8
 _MOST = 256
 """Samples that are kept; beyond, every second one is dropped and half as many are taken."""
+_LONG = 10**6
+MOST_LOOKS = _MOST // 2
 _NEARER = 0.8
 """Share of the way from what is expected at which one of two explanations, both unexpected, is taken to be right."""
 
@@ -122,14 +125,20 @@ class Whereabouts:
         Places in the reference frame, shape (P, 2) [px].
     reach_px
         Longest step from one frame to the next, as long as the motion has not shown how fast it is [px].
+    looks
+        Where the points were in single frames far apart, before those that are taken, each of shape (P, 2) [px].
     """
 
-    def __init__(self, home: FloatArray, reach_px: float) -> None:
+    def __init__(self, home: FloatArray, reach_px: float, looks: Sequence[FloatArray] = ()) -> None:
         self._home, self._reach_px = home, reach_px
-        self._last, self._before = home.copy(), home.copy()
-        self._missing = np.zeros(len(home), np.int64)
+        self._history = [home.copy(), *looks][-MOST_LOOKS:]
+        self._last = home.copy()
+        for places in self._history:
+            self._last = np.where(np.isfinite(places), places, self._last)
+        self._before = self._history[-1]
+        # Of a point that the last look did not find, nobody knows for how long it went on from where it was.
+        self._missing = np.where(np.isfinite(self._before[:, 0]), 0, _LONG)
         self._longest, self._steps = 0.0, 0
-        self._history = [home.copy()]
         self._taken, self._every = 0, 1
 
     def add(self, places: FloatArray) -> None:

@@ -1,0 +1,155 @@
+"""Independent tasks on any executor: processes of this machine, a cluster, or this process itself."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from typing import Any, TypeVar
+
+__all__ = ["ProcessWorkers", "run_tasks"]
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_ATTEMPTS = 3
+_MANY = 32
+"""Tasks that are handed out at once to an executor that does not say how many workers it has."""
+
+
+class ProcessWorkers(Executor):
+    """Processes of this machine; where one is lost, all are begun anew.
+
+    Parameters
+    ----------
+    workers
+        Number of processes.
+
+    Attributes
+    ----------
+    workers
+        Number of processes.
+
+    Notes
+    -----
+    They are begun afresh, not forked: a copy of a process with threads may stop for ever. They end with this process,
+    however that ends.
+
+    Examples
+    --------
+    >>> with ProcessWorkers(1) as workers:
+    ...     workers.submit(abs, -2).result()
+    2
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._pool = self._begin()
+
+    def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> "Future[R]":
+        """See `concurrent.futures.Executor.submit`."""
+        try:
+            return self._pool.submit(fn, *args, **kwargs)
+        except BrokenExecutor:
+            self._pool.shutdown(wait=False)
+            self._pool = self._begin()
+            return self._pool.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """See `concurrent.futures.Executor.shutdown`."""
+        self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+
+    def _begin(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(self.workers, multiprocessing.get_context("spawn"), initializer=_stay_with_parent)
+
+
+def _stay_with_parent() -> None:
+    """Leaves interruptions to the parent, and ends with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
+
+
+def _end_after(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
+
+
+def run_tasks(
+    function: Callable[[T], R], tasks: Sequence[T], executor: Executor | None, done: Callable[[int, R], None]
+) -> dict[int, Exception]:
+    """Runs a function on tasks that do not depend on each other; the errors of those that failed, by number.
+
+    Parameters
+    ----------
+    function
+        What is done with a task; for processes, a function of a module.
+    tasks
+        The tasks.
+    executor
+        Who works; ``None`` is this process, one task after the other.
+    done
+        Called in this process with the number of each task that is done, and with its result, in any order.
+
+    Notes
+    -----
+    A task that fails with an executor is tried three times. Where a lost process takes all tasks with it that were in
+    work, these are then run one by one, so that only that one counts as failed which loses its process again.
+
+    Examples
+    --------
+    >>> found = {}
+    >>> run_tasks(lambda task: 6 // task, [1, 0, 3], None, found.__setitem__)
+    {1: ZeroDivisionError('integer division or modulo by zero')}
+    >>> found
+    {0: 6, 2: 2}
+    """
+    if executor is None:
+        return _run_here(function, tasks, done)
+    failed: dict[int, Exception] = {}
+    attempts = dict.fromkeys(range(len(tasks)), 0)
+    waiting, suspects = deque(range(len(tasks))), deque[int]()
+    at_once = 2 * getattr(executor, "workers", _MANY)
+    working: dict[Future[R], int] = {}
+    try:
+        while waiting or suspects or working:
+            while not suspects and waiting and len(working) < at_once:
+                number = waiting.popleft()
+                working[executor.submit(function, tasks[number])] = number
+            if suspects and not working:
+                number = suspects.popleft()
+                working[executor.submit(function, tasks[number])] = number
+            alone = len(working) == 1
+            for future in wait(working, return_when=FIRST_COMPLETED).done:
+                number = working.pop(future)
+                error = future.exception()
+                if error is None:
+                    done(number, future.result())
+                    continue
+                if not isinstance(error, Exception):
+                    raise error
+                lost = isinstance(error, BrokenExecutor)
+                attempts[number] += not lost or alone
+                if attempts[number] == _ATTEMPTS:
+                    failed[number] = error
+                else:
+                    (suspects if lost else waiting).append(number)
+    finally:
+        for future in working:
+            future.cancel()
+    return failed
+
+
+def _run_here(function: Callable[[T], R], tasks: Sequence[T], done: Callable[[int, R], None]) -> dict[int, Exception]:
+    failed: dict[int, Exception] = {}
+    for number, task in enumerate(tasks):
+        try:
+            result = function(task)
+        except Exception as error:  # noqa: BLE001  (named by the caller, as those of other processes)
+            failed[number] = error
+        else:
+            done(number, result)
+    return failed

@@ -1,0 +1,378 @@
+"""A view in segments: each is tracked by itself, in this process or another one, and all are judged together."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.executors import run_tasks
+from vfm_sdm.core.pieces import Pieces
+from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.statuses import RecordingStatus
+from vfm_sdm.core.threads import small_algebra
+from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video import PassRecord, Video
+from vfm_sdm.stages.tracking.base import SegmentTracker, Targets
+from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.subset_parts import MOST_SAMPLES
+from vfm_sdm.stages.tracking.undivided import InOnePiece
+
+__all__ = [
+    "SegmentTask",
+    "TrackedSegments",
+    "Work",
+    "join_records",
+    "plan_segments",
+    "read_pass",
+    "track_segment",
+    "track_segments",
+]
+
+_BETWEEN_S = 2.0
+"""Time between two looks at least [s]: many motions of a structure, and few frames of a recording."""
+_PASS = "pass_"
+_PASS_DIMS = {"change": ("time", "measure"), "same": ("time",), "edges": ("edge", "row", "column")}
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """How recordings are divided, and who tracks the segments.
+
+    Parameters
+    ----------
+    segment_s
+        Nominal length of a segment [s].
+    executor
+        Who works: processes, a cluster; ``None`` is this process.
+    pieces
+        Where segments are kept for a run that is cut short; in memory without.
+    """
+
+    segment_s: float = 60.0
+    executor: Executor | None = None
+    pieces: Pieces | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentTask:
+    """A segment of a view with all that is needed to track it, in any process that has the recording.
+
+    Parameters
+    ----------
+    first
+        Number of its first frame in the view.
+    begins_s
+        Time of that frame [s].
+    segment
+        Its frames.
+    home
+        The recording's first frames; ``None`` in the first segment.
+    tracker
+        Who follows.
+    targets
+        What is followed.
+    start
+        Where the targets are as it begins, of `SegmentTracker.find_starts`.
+    """
+
+    first: int
+    begins_s: float
+    segment: Video
+    home: Video | None
+    tracker: SegmentTracker
+    targets: Targets
+    start: Any = None
+
+    def on_one_thread(self) -> "SegmentTask":
+        """The same task for one of several processes that share the processors."""
+        return replace(
+            self,
+            segment=self.segment.on_one_thread(),
+            home=None if self.home is None else self.home.on_one_thread(),
+            tracker=self.tracker.on_one_thread(),
+        )
+
+
+def plan_segments(video: Video, tracker: SegmentTracker, targets: Targets, length_s: float) -> list[SegmentTask]:
+    """Segments of a view, and where the targets are as each begins.
+
+    Parameters
+    ----------
+    video
+        The view.
+    tracker
+        Who follows.
+    targets
+        What is followed.
+    length_s
+        Nominal length of a segment [s].
+
+    Raises
+    ------
+    VideoError
+        The recording cannot be decoded.
+    """
+    begins = [(0, 0.0)] if isinstance(tracker, InOnePiece) else video.divide(length_s)
+    firsts = [first for first, _ in begins]
+    if len(begins) == 1:
+        return [SegmentTask(0, 0.0, video, None, tracker, targets)]
+    home = video.part(0, 1)
+    reference = home.first_frame().luma
+    between = video.keys(_BETWEEN_S)
+    looks = [
+        Look(partial(_decode, video, first), [partial(_decode, video, k) for k in between if before < k < first])
+        for before, first in pairwise(firsts)
+    ]
+    starts = [None, *tracker.find_starts(looks, reference, targets)]
+    counts = [*np.diff(firsts).tolist(), None]
+    return [
+        SegmentTask(first, begin_s, video.part(first, count), home if first else None, tracker, targets, start)
+        for (first, begin_s), count, start in zip(begins, counts, starts, strict=True)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedSegments:
+    """Segments of one view that were tracked.
+
+    Parameters
+    ----------
+    tasks
+        All segments of the view.
+    read
+        Function that returns the record of a segment by its number; ``None`` where it failed.
+    failed
+        Errors of those that failed, by number.
+    length_s
+        Nominal length of a segment [s].
+    """
+
+    tasks: Sequence[SegmentTask]
+    read: Callable[[int], xr.Dataset | None]
+    failed: Mapping[int, Exception]
+    length_s: float
+
+    @property
+    def count(self) -> int:
+        """Number of segments."""
+        return len(self.tasks)
+
+    def records(self) -> list[xr.Dataset]:
+        """Records of the segments that were tracked.
+
+        Raises
+        ------
+        Exception
+            None was; the error of the first one.
+        """
+        if len(self.failed) == len(self.tasks):
+            raise next(iter(self.failed.values()))
+        found = (self.read(number) for number in range(len(self.tasks)))
+        return [record for record in found if record is not None]
+
+    @property
+    def untracked(self) -> list[tuple[float, float | None]]:
+        """Beginnings and ends of the segments that failed [s]; ``None`` is the recording's end."""
+        ends = [*(task.begins_s for task in self.tasks[1:]), None]
+        return [(self.tasks[number].begins_s, ends[number]) for number in sorted(self.failed)]
+
+    @property
+    def doubts(self) -> list[str]:
+        """Sentences on what was not tracked."""
+        return [
+            f"not tracked from {begin:.0f} s to {'the end' if end is None else f'{end:.0f} s'}: "
+            f"{self.failed[number]}; run again to try it once more"
+            for number, (begin, end) in zip(sorted(self.failed), self.untracked, strict=True)
+        ]
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on how the recording was divided, where that is not as asked for."""
+        first = self.tasks[0]
+        duration_s = first.segment.info.duration_s or 0.0
+        if len(self.tasks) > 1 or duration_s < 2 * self.length_s:
+            return []
+        whole = isinstance(first.tracker, InOnePiece)
+        why = f"{first.tracker.name} needs the whole recording" if whole else "no frames at which it can be divided"
+        return [f"tracked in one piece of {duration_s:.0f} s: {why}"]
+
+
+def track_segments(
+    plans: Mapping[str, Sequence[SegmentTask]], work: Work, progress: Progress | None = None
+) -> dict[str, TrackedSegments]:
+    """Tracks the segments of all views; those that an earlier run kept are taken from there.
+
+    Parameters
+    ----------
+    plans
+        Segments by view, of `plan_segments`.
+    work
+        Who tracks them, and where they are kept.
+    progress
+        Called with the view and the frames done.
+
+    Raises
+    ------
+    ResultsError
+        A segment cannot be kept.
+    """
+    places = [(view, number) for view, tasks in plans.items() for number in range(len(tasks))]
+    held: dict[tuple[str, int], xr.Dataset] = {}
+    pieces, frames = work.pieces, Counter[str]()
+
+    def read(view: str, number: int) -> xr.Dataset | None:
+        return held.get((view, number)) if pieces is None else pieces.read(f"{view}/{number:04d}")
+
+    def keep(index: int, record: xr.Dataset) -> None:
+        view, number = left[index]
+        if pieces is None:
+            held[view, number] = record
+        else:
+            pieces.write(f"{view}/{number:04d}", record)
+        frames[view] += record.sizes["time"]
+        if progress is not None and work.executor is not None:
+            progress(f"tracking {view}", frames[view], plans[view][0].segment.info.frame_count)
+
+    def track_here(place: tuple[str, int]) -> xr.Dataset:
+        view, number = place
+        return track_segment(plans[view][number], _named(progress, view))
+
+    left = []
+    if pieces is not None:
+        pieces.tidy()
+    for view, number in places:
+        found = read(view, number)
+        if found is None:
+            left.append((view, number))
+        else:
+            frames[view] += found.sizes["time"]
+    if work.executor is None:
+        failed = run_tasks(track_here, left, None, keep)
+    else:
+        tasks = [plans[view][number].on_one_thread() for view, number in left]
+        failed = run_tasks(track_segment, tasks, work.executor, keep)
+    errors = {left[index]: error for index, error in failed.items()}
+    return {
+        view: TrackedSegments(
+            of_view,
+            partial(read, view),
+            {number: error for (other, number), error in errors.items() if other == view},
+            work.segment_s,
+        )
+        for view, of_view in plans.items()
+    }
+
+
+def track_segment(task: SegmentTask, progress: Progress | None = None) -> xr.Dataset:
+    """The record of a segment, with what its pass over the frames showed.
+
+    Parameters
+    ----------
+    task
+        The segment.
+    progress
+        Called with ``tracking``, the number of frames done so far and that of all.
+
+    Raises
+    ------
+    VideoError
+        The recording cannot be opened.
+    DatasetError
+        The recording has no frame.
+    """
+    reference = None if task.home is None else task.home.first_frame().luma
+    with small_algebra():
+        record = task.tracker.follow(
+            task.segment, reference, task.targets, start=task.start, progress=_counted_on(progress, task.first)
+        )
+    passed = task.segment.passed
+    return record if passed is None else _with_pass(record, passed)
+
+
+def _with_pass(record: xr.Dataset, passed: PassRecord) -> xr.Dataset:
+    """A record with the pass over its frames, as a file can hold it; `read_pass` takes it out again.
+
+    Parameters
+    ----------
+    record
+        Of `SegmentTracker.follow`.
+    passed
+        The pass.
+    """
+    variables = {_PASS + name: (dims, getattr(passed, name)) for name, dims in _PASS_DIMS.items()}
+    others = [one.name for one in fields(passed) if one.name not in (*_PASS_DIMS, "time_s")]
+    facts = {_PASS + name: getattr(passed, name) for name in others}
+    return record.assign(variables).assign_attrs({**facts, _PASS + "digests": list(passed.digests)})
+
+
+def read_pass(record: xr.Dataset) -> PassRecord:
+    """The pass over the frames of a segment.
+
+    Parameters
+    ----------
+    record
+        Of `_with_pass`.
+    """
+    arrays = {name: record[_PASS + name].values for name in _PASS_DIMS}
+    return PassRecord(
+        time_s=record["time"].values,
+        digests=tuple(record.attrs[_PASS + "digests"]),
+        status=RecordingStatus(record.attrs[_PASS + "status"]),
+        detail=str(record.attrs[_PASS + "detail"]),
+        **arrays,
+    )
+
+
+def join_records(records: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Records of segments as one of the whole recording.
+
+    Parameters
+    ----------
+    records
+        In the order of their frames, at least one.
+
+    Notes
+    -----
+    Of measurements in some frames (``sample``), as many are kept as of a recording in one piece: every second one is
+    dropped as often as it takes.
+    """
+    if len(records) == 1:
+        return records[0]
+    joined: dict[str, Any] = {}
+    for name, variable in records[0].variables.items():
+        if str(name).startswith(_PASS):
+            continue
+        axis = next((dim for dim in ("time", "sample") if dim in variable.dims), None)
+        values = variable.values
+        if axis is not None:
+            values = np.concatenate([record[name].values for record in records], axis=variable.dims.index(axis))
+        if axis == "sample":
+            while len(values) >= MOST_SAMPLES:
+                values = values[1::2]
+        joined[str(name)] = (variable.dims, values, variable.attrs)
+    return xr.Dataset(joined).set_coords("time")
+
+
+def _decode(video: Video, number: int) -> LumaArray | None:
+    """One frame, shape (H, W); ``None`` where it is damaged."""
+    try:
+        return video.part(number, 1).frame(number).luma
+    except VideoError:
+        return None
+
+
+def _counted_on(progress: Progress | None, first: int) -> Progress | None:
+    """Progress that counts frames from that of the first one on."""
+    return None if progress is None else lambda what, done, total: progress(what, first + done, total)
+
+
+def _named(progress: Progress | None, view: str) -> Progress | None:
+    """Progress that also says which view it is about."""
+    return None if progress is None else lambda what, done, total: progress(f"{what} {view}", done, total)
