@@ -48,6 +48,7 @@ READERS = {
     "chessboard": ("cameras",),
     "method.tracker": ("expectation", "subsets", "tracks", "displacement", "audit"),
     "method.cameras": ("cameras", "displacement", "audit"),
+    "method.segment_s": ("tracks", "audit"),
     "method.correspondence": ("cameras", "audit"),
     "method.refinement": ("refinement", "displacement", "audit"),
     "method.sgr": ("refinement", "displacement", "audit"),

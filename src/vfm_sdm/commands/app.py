@@ -18,7 +18,7 @@ from vfm_sdm.commands.acceptance import accept, verify
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.lens import lens
-from vfm_sdm.commands.options import ClockOptions, RecipeOptions
+from vfm_sdm.commands.options import ClockOptions, RecipeOptions, WorkerOptions
 from vfm_sdm.commands.planning import plan
 from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
@@ -55,7 +55,7 @@ _WholeFiles = Annotated[
     bool, Parameter(negative="", help="Hash large recordings as a whole, not by size, time stamp and samples.")
 ]
 
-_RECIPE, _CLOCK = RecipeOptions(), ClockOptions()
+_RECIPE, _CLOCK, _WORKERS = RecipeOptions(), ClockOptions(), WorkerOptions()
 
 # Names in square brackets are names, no markup.
 _out = Console(markup=False)
@@ -102,16 +102,24 @@ def measure_command(
         Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
     ] = (),
     whole_files: _WholeFiles = False,
+    work: WorkerOptions = _WORKERS,
 ) -> None:
     """Measure a session: from recordings to displacement in millimetres, with figures and summary.
 
-    Finished stages in the run folder are reused unless their inputs changed.
+    Finished stages and tracked segments in the run folder are reused unless their inputs changed.
     """
     settings = read_session(session)
     for form in export:
         find("writers", form)  # before any work is done
-    with show_progress() as progress:
-        result = measure(settings, output, progress=progress, whole_files=whole_files, forecast=_forecast(output))
+    with show_progress() as progress, work.executor() as executor:
+        result = measure(
+            settings,
+            output,
+            progress=progress,
+            whole_files=whole_files,
+            executor=executor,
+            forecast=_forecast(output),
+        )
     for part in reports.measurement_report(result):
         _out.print(part)
     _say(f"written: {output} (figures in {output / 'figures'})")
@@ -134,21 +142,26 @@ def cameras(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles 
 
 
 @app.command
-def track(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False) -> None:
+def track(
+    session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False, work: WorkerOptions = _WORKERS
+) -> None:
     """Follow the points in every view: writes cameras.toml, points.nc and tracks.nc. Works with a single view, too."""
     settings = read_session(session)
-    with show_progress() as progress:
-        tracks = Measurement(settings, output, progress=progress, whole_files=whole_files).run("tracks").tracks
+    with show_progress() as progress, work.executor() as executor:
+        measurement = Measurement(settings, output, progress=progress, whole_files=whole_files, executor=executor)
+        tracks = measurement.run("tracks").tracks
     _out.print(reports.track_table(tracks))
     _say(f"written: {output / 'tracks.nc'}")
 
 
 @app.command
-def displacement(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False) -> None:
+def displacement(
+    session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False, work: WorkerOptions = _WORKERS
+) -> None:
     """Only displacement, without audit and figures: writes displacement.nc and displacement.csv."""
     settings = read_session(session)
-    with show_progress() as progress:
-        measurement = Measurement(settings, output, progress=progress, whole_files=whole_files)
+    with show_progress() as progress, work.executor() as executor:
+        measurement = Measurement(settings, output, progress=progress, whole_files=whole_files, executor=executor)
         result = measurement.run("displacement").displacement
     if result is None:
         _fail(f"no displacement: {measurement.cameras.status}")

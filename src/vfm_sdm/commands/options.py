@@ -1,15 +1,20 @@
 """Options of commands that belong together; on the command line each is an option of its own."""
 
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from vfm_sdm.analysis.evaluation import ReferenceClock
+from vfm_sdm.core.executors import ProcessWorkers, cluster_workers
+from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings
 from vfm_sdm.inputs.sensors.outliers import HampelUse
 
-__all__ = ["ClockOptions", "RecipeOptions"]
+__all__ = ["ClockOptions", "RecipeOptions", "WorkerOptions"]
 
 
 @Parameter(name="*")
@@ -47,3 +52,41 @@ class ClockOptions:
     def settings(self) -> ReferenceClock:
         """The reference's clock as the library knows it."""
         return ReferenceClock(self.search, self.start_lag, synchronize=self.synchronize)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class WorkerOptions:
+    """Options of who tracks the segments of recordings."""
+
+    workers: Annotated[
+        int, Parameter(help="Processes of this machine that track segments of the recordings; 0 is this one.")
+    ] = 0
+    scheduler: Annotated[
+        str | None, Parameter(help="Address of a Dask scheduler whose workers do it, such as tcp://10.0.0.1:8786.")
+    ] = None
+
+    @contextmanager
+    def executor(self) -> Iterator[Executor | None]:
+        """Who works, for the time of the block; ``None`` is this process.
+
+        Raises
+        ------
+        SessionError
+            The number of processes is negative, or both are given.
+        BackendUnavailableError
+            Dask is not installed, or there is no scheduler.
+        """
+        if self.workers < 0 or (self.workers and self.scheduler):
+            raise SessionError(
+                f"--workers: expected a number of processes, or --scheduler alone, got {self.workers} and "
+                f"{self.scheduler}; leave one out"
+            )
+        if self.scheduler:
+            with cluster_workers(self.scheduler) as executor:
+                yield executor
+        elif self.workers:
+            with ProcessWorkers(self.workers) as executor:
+                yield executor
+        else:
+            yield None

@@ -5,16 +5,20 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
-__all__ = ["ProcessWorkers", "run_tasks"]
+from vfm_sdm.errors import BackendUnavailableError
+
+__all__ = ["ProcessWorkers", "cluster_workers", "run_tasks"]
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 _ATTEMPTS = 3
+_PATIENCE_S = 10
 _MANY = 32
 """Tasks that are handed out at once to an executor that does not say how many workers it has."""
 
@@ -63,6 +67,37 @@ class ProcessWorkers(Executor):
 
     def _begin(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self.workers, multiprocessing.get_context("spawn"), initializer=_stay_with_parent)
+
+
+@contextmanager
+def cluster_workers(address: str) -> Iterator[Executor]:
+    """Workers of a running Dask cluster, for the time of the block.
+
+    Parameters
+    ----------
+    address
+        Of its scheduler, such as ``tcp://10.0.0.1:8786``.
+
+    Raises
+    ------
+    BackendUnavailableError
+        Dask is not installed, or no scheduler answers.
+    """
+    try:
+        from distributed import Client  # noqa: PLC0415  (an extra)
+    except ImportError as error:
+        raise BackendUnavailableError(
+            "scheduler: expected dask.distributed, got no such package; install vfm-sdm[cluster]"
+        ) from error
+    try:
+        client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise BackendUnavailableError(
+            f"scheduler: expected a Dask scheduler at {address}, got {str(error) or type(error).__name__}; start one "
+            "with `dask scheduler`, and workers with `dask worker`"
+        ) from error
+    with client, client.get_executor() as executor:
+        yield executor
 
 
 def _stay_with_parent() -> None:

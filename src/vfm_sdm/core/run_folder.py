@@ -4,8 +4,11 @@
 """
 
 import json
+import os
+import socket
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +22,7 @@ __all__ = ["SESSION", "RunFolder"]
 SESSION = "session.resolved.toml"
 """The session that is measured in a folder, with all its settings."""
 
-_SUMMARY, _LOCK, _FIGURES = "summary.json", "run.lock", "figures"
+_SUMMARY, _LOCK, _OWNER, _FIGURES = "summary.json", "run.lock", "run.owner", "figures"
 _RESULTS = (
     *("displacement.*", "evaluation.json", "acceptance_*.json", _SUMMARY),
     *(f"{_FIGURES}/{stem}.png" for stem in ("trajectory_*", "displacement_*", "points_*", "audit")),
@@ -70,8 +73,8 @@ class RunFolder:
             lock.acquire(timeout=0)
         except Timeout as error:
             raise ResultsError(
-                f"{self.path}: expected a folder that no other run writes to, got one in use; wait for that run, or "
-                "choose another -o"
+                f"{self.path}: expected a folder that no other run writes to, got one in use{self._describe_owner()}; "
+                "wait for that run, or choose another -o"
             ) from error
         except (OSError, ValueError, NotImplementedError) as error:
             raise ResultsError(
@@ -79,9 +82,12 @@ class RunFolder:
                 "another -o"
             ) from error
         try:
+            owner = {"process": os.getpid(), "host": socket.gethostname(), "started": datetime.now(UTC).isoformat()}
+            write_json(self.path / _OWNER, owner, label="owner of the run folder")
             self._prepare(identity)
             yield
         finally:
+            (self.path / _OWNER).unlink(missing_ok=True)
             (self.path / _LOCK).unlink(missing_ok=True)
             lock.release()
 
@@ -181,6 +187,15 @@ class RunFolder:
         if record.get("finished") is False:
             return ("the session in this folder is not measured to its end; `vfm-sdm measure` finishes it",)
         return ()
+
+    def _describe_owner(self) -> str:
+        """Words on who writes to the folder; none where that is not known."""
+        try:
+            owner = json.loads((self.path / _OWNER).read_text(encoding="utf-8"))
+            started = datetime.fromisoformat(owner["started"]).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+            return f" by process {owner['process']} on {owner['host']} since {started}"
+        except (OSError, ValueError, LookupError, TypeError):
+            return ""
 
     def _prepare(self, identity: Mapping[str, Any]) -> None:
         for folder in (self.path, self.path / _FIGURES):

@@ -241,6 +241,8 @@ class _Pass:
             for packet in self._container.demux(self._video):
                 if not packet.size:
                     break
+                if self._leads(packet):
+                    continue
                 if partial:
                     yield from self._remaining_pictures(fed)
                     raise self._damage("incomplete data")
@@ -271,6 +273,13 @@ class _Pass:
             )
         if self._waiting and not (self._fields or self._ended):
             raise self._damage(f"{len(self._waiting)} pictures that do not decode")
+
+    def _leads(self, packet: "av.Packet[av.VideoStream]") -> bool:
+        """Whether a packet precedes the key frame of the start in time: in an open group it refers to what was before.
+
+        Nothing that is shown after a key frame refers to what is shown before it.
+        """
+        return self._start is not None and packet.pts is not None and packet.pts < self._start.key
 
     def _remaining_pictures(self, limit: int | None) -> Generator[av.VideoFrame]:
         """Pictures that the decoder still holds from before a bad packet; only without threads that is certain."""

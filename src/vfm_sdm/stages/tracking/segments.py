@@ -17,7 +17,7 @@ from vfm_sdm.core.pieces import Pieces
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.core.threads import small_algebra
-from vfm_sdm.errors import VideoError
+from vfm_sdm.errors import ResultsError, VideoError
 from vfm_sdm.inputs.video import PassRecord, Video
 from vfm_sdm.stages.tracking.base import SegmentTracker, Targets
 from vfm_sdm.stages.tracking.looks import Look
@@ -147,7 +147,7 @@ class TrackedSegments:
     tasks
         All segments of the view.
     read
-        Function that returns the record of a segment by its number; ``None`` where it failed.
+        Function that returns the record of a segment by its number; ``None`` where there is none.
     failed
         Errors of those that failed, by number.
     length_s
@@ -171,11 +171,21 @@ class TrackedSegments:
         ------
         Exception
             None was; the error of the first one.
+        ResultsError
+            The file of one is gone.
         """
         if len(self.failed) == len(self.tasks):
             raise next(iter(self.failed.values()))
-        found = (self.read(number) for number in range(len(self.tasks)))
-        return [record for record in found if record is not None]
+        return [self._record(number) for number in range(len(self.tasks)) if number not in self.failed]
+
+    def _record(self, number: int) -> xr.Dataset:
+        found = self.read(number)
+        if found is None:
+            raise ResultsError(
+                f"segment {number}: expected what was tracked a moment ago, got a damaged file or none; keep other "
+                "programs out of the run folder and run again"
+            )
+        return found
 
     @property
     def untracked(self) -> list[tuple[float, float | None]]:
