@@ -44,6 +44,9 @@ class ChunkTracks:
     visibility: FloatArray
     confidence: FloatArray
 
+    def __len__(self) -> int:
+        return len(self.positions)
+
     def __getitem__(self, frames: slice) -> "ChunkTracks":
         """The tracks in some of the frames."""
         return ChunkTracks(self.positions[frames], self.visibility[frames], self.confidence[frames])

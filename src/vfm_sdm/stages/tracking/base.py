@@ -10,7 +10,7 @@ from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import find, make
 from vfm_sdm.inputs.session import Method
-from vfm_sdm.inputs.video import Video, VideoInfo
+from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.designs import SubsetDesign
 from vfm_sdm.stages.tracking.looks import Look
 
@@ -106,11 +106,13 @@ class SegmentTracker(Protocol):
     """
 
     name: str
+    in_one_piece: bool
+    """Whether it sees no segments, but recordings as a whole."""
 
     def follow(
         self,
         video: Video,
-        reference: LumaArray | None,
+        reference: Frame | None,
         targets: Targets,
         *,
         start: Any = None,
@@ -123,7 +125,7 @@ class SegmentTracker(Protocol):
         video
             The segment; read once, in order.
         reference
-            The reference frame, shape (H, W); ``None`` for the first frame of the segment.
+            The reference frame; ``None`` for the first frame of the segment.
         targets
             What is followed.
         start

@@ -1,19 +1,24 @@
 """Hybrid trackers: a network follows the points, and subset registration measures them to a fraction of a pixel."""
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.session import Network
-from vfm_sdm.inputs.video import Video
+from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.designs import SubsetDesign
-from vfm_sdm.stages.tracking.base import find_tracker
+from vfm_sdm.stages.tracking.base import SegmentTracker, Targets, find_tracker
+from vfm_sdm.stages.tracking.follow import FollowState
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
-from vfm_sdm.stages.tracking.inputs import check_counts
+from vfm_sdm.stages.tracking.inputs import check_counts, check_points, find_reference
+from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.network import NetworkTracker
+from vfm_sdm.stages.tracking.undivided import InOnePiece
 
 __all__ = ["HybridTracker"]
 
@@ -54,7 +59,9 @@ class HybridTracker:
     ) -> None:
         self.name = f"{follower}+icgn"
         check_counts(self.name, agreement_px=agreement_px)
-        self.follower = find_tracker(follower, network=network)
+        found = find_tracker(follower, network=network)
+        self.follower = found if isinstance(found, SegmentTracker) else InOnePiece(found)
+        self.in_one_piece = self.follower.in_one_piece
         self.registration_tracker = IcgnTracker(subset_px=subset_px)
         self.agreement_px = agreement_px
 
@@ -100,19 +107,60 @@ class HybridTracker:
         DatasetError
             Points lie outside the image, names are not distinct, or there is no such reference frame.
         """
-        followed = self.follower.track(
-            video, points2d, names=names, reference_frame=reference_frame, progress=_in_halves(progress, 0)
-        )
+        targets = Targets(check_points(points2d, names, video), tuple(names), designs)
+        record = self.follow(video, find_reference(video, reference_frame), targets, progress=progress)
+        return self.judge(record, targets, video.info).assign_attrs(reference_frame=reference_frame)
+
+    def follow(
+        self,
+        video: Video,
+        reference: Frame | None,
+        targets: Targets,
+        *,
+        start: FollowState | None = None,
+        progress: Progress | None = None,
+    ) -> xr.Dataset:
+        """Registrations of a segment, and where the network saw the points (``expected``, [px]).
+
+        Parameters
+        ----------
+        video, reference, targets, start, progress
+            As of `vfm_sdm.stages.tracking.base.SegmentTracker`.
+        """
+        followed = self.follower.follow(video, reference, targets, progress=_in_halves(progress, 0))
         expected = followed["position"].values
-        tracks = self.registration_tracker.starting_from(expected).track(
-            video,
-            points2d,
-            names=names,
-            reference_frame=reference_frame,
-            progress=_in_halves(progress, len(expected)),
-            designs=designs,
+        registered = self.registration_tracker.starting_from(expected).follow(
+            video, reference, targets, start=start, progress=_in_halves(progress, len(expected))
         )
-        apart = tracks["position"].values - expected
+        kept = {name: followed.attrs[name] for name in ("precision",) if name in followed.attrs}
+        return registered.assign(expected=followed["position"]).assign_attrs(kept)
+
+    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[FollowState | None]:
+        """Where the registration begins; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+
+        Parameters
+        ----------
+        looks, reference, targets
+            As there.
+        """
+        return self.registration_tracker.find_starts(looks, reference, targets)
+
+    def on_one_thread(self) -> "HybridTracker":
+        """The same tracker for one of several processes that share the processors."""
+        tracker = copy(self)
+        tracker.registration_tracker = self.registration_tracker.on_one_thread()
+        return tracker
+
+    def judge(self, record: xr.Dataset, targets: Targets, info: VideoInfo) -> xr.Dataset:
+        """Tracks of registrations and network; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+
+        Parameters
+        ----------
+        record, targets, info
+            As there.
+        """
+        tracks = self.registration_tracker.judge(record, targets, info)
+        apart = tracks["position"].values - record["expected"].values
         disagreement = np.linalg.norm(apart, axis=2)
         if "edge_across" in tracks:  # along an edge, the registration says nothing to disagree with
             across = tracks["edge_across"].values
@@ -121,9 +169,13 @@ class HybridTracker:
         status = tracks["status"]
         doubtful = (status.values == Status.OK) & ~(disagreement <= self.agreement_px)
         tracks["status"] = status.copy(data=np.where(doubtful, np.int8(Status.UNRELIABLE), status.values))
-        attrs = {name: followed.attrs[name] for name in ("preset", "weights", "precision") if name in followed.attrs}
+        attrs = (
+            {"preset": self.follower.preset.name, "weights": self.weights_id}
+            if isinstance(self.follower, NetworkTracker)
+            else {}
+        )
         return tracks.assign(disagreement=(("time", "point"), disagreement, {"units": "px"})).assign_attrs(
-            tracker=self.name, **attrs
+            tracker=self.name, **attrs, **record.attrs
         )
 
 

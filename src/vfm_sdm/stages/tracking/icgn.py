@@ -14,7 +14,7 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.core.covariances import judged_std, measured_axes
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.inputs.video import Video, VideoInfo
+from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign, check_subset_px
 from vfm_sdm.stages.tracking.base import Targets
 from vfm_sdm.stages.tracking.follow import Follower, FollowSettings, FollowState
@@ -96,6 +96,7 @@ class IcgnTracker:
     """
 
     name = "icgn"
+    in_one_piece = False
     compares_designed_subsets = True
 
     def __init__(
@@ -191,7 +192,7 @@ class IcgnTracker:
     def follow(
         self,
         video: Video,
-        reference: LumaArray | None,
+        reference: Frame | None,
         targets: Targets,
         *,
         start: FollowState | None = None,

@@ -99,7 +99,7 @@ def check_correlations(tracker: str, minimum: float, reliable: float) -> None:
 
 def follow_frames(
     video: Video,
-    reference: LumaArray | None,
+    reference: Frame | None,
     begin: Callable[[LumaArray], Callable[[LumaArray], None]],
     progress: Progress | None,
 ) -> FloatArray:
@@ -110,9 +110,9 @@ def follow_frames(
     video
         Read once, in order.
     reference
-        The reference frame, shape (H, W); ``None`` for the first one of the pass.
+        The reference frame; ``None`` for the first one of the pass.
     begin
-        Called with the reference frame; returns what is called with each frame.
+        Called with the luma of the reference frame, shape (H, W); returns what is called with each frame.
     progress
         Called with ``tracking``, the number of frames done so far and that of all.
 
@@ -121,7 +121,7 @@ def follow_frames(
     DatasetError
         Neither a reference frame is given nor has the video one.
     """
-    advance = None if reference is None else begin(reference)
+    advance = None if reference is None else begin(reference.luma)
     time_s: list[float] = []
     for frame in video.frames():
         if advance is None:
@@ -135,8 +135,8 @@ def follow_frames(
     return np.array(time_s)
 
 
-def find_reference(video: Video, index: int) -> LumaArray | None:
-    """The reference frame, shape (H, W), by a pass up to it; ``None`` for the first one, which every pass begins with.
+def find_reference(video: Video, index: int) -> Frame | None:
+    """The reference frame, by a pass up to it; ``None`` for the first one, with which every pass begins.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def find_reference(video: Video, index: int) -> LumaArray | None:
     DatasetError
         The video has no such frame.
     """
-    return None if index == 0 else _frame(video, index).luma
+    return None if index == 0 else _frame(video, index)
 
 
 def _frame(video: Video, index: int) -> Frame:

@@ -2,27 +2,29 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, IntArray
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Network
-from vfm_sdm.inputs.video import RgbArray, Video
+from vfm_sdm.inputs.video import Frame, RgbArray, Video, VideoInfo
 from vfm_sdm.networks.availability import choose_weights, require_torch
 from vfm_sdm.networks.interface import SEEN, ChunkNetwork, ChunkTracks
 from vfm_sdm.networks.weights import weights_id
+from vfm_sdm.stages.tracking.base import Targets
 from vfm_sdm.stages.tracking.chunks import ChunkPlan, ChunkStitcher
-from vfm_sdm.stages.tracking.inputs import check_points
+from vfm_sdm.stages.tracking.inputs import check_points, find_reference
+from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.patches import Patch, plan_patches
 
-__all__ = ["NetworkPreset", "NetworkTracker", "PresetNetwork", "follow_with_network"]
+__all__ = ["NetworkPreset", "NetworkTracker", "PresetNetwork", "fix_reference", "record_with_network"]
 
 _STD_PX = 0.25
 """Standard deviation of a network's position [px]. It is an assumption: networks state none, and without weights none
@@ -107,6 +109,7 @@ class NetworkTracker(ABC):
     """
 
     name: ClassVar[str]
+    in_one_piece = False
 
     def __init__(self, *, network: Network | None = None) -> None:
         require_torch(f"tracker {self.name}")
@@ -132,6 +135,10 @@ class NetworkTracker(ABC):
         """The network, loaded when it is first used."""
         return self.load()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is sent to another process, which loads the network itself."""
+        return {name: value for name, value in vars(self).items() if name != "inference"}
+
     def track(
         self,
         video: Video,
@@ -141,12 +148,12 @@ class NetworkTracker(ABC):
         reference_frame: int = 0,
         progress: Progress | None = None,
     ) -> xr.Dataset:
-        """Tracks of named points; `follow_with_network` says how their status is found.
+        """Tracks of named points; `record_with_network` says how their status is found.
 
         Parameters
         ----------
         video
-            The view. It is read once, in order.
+            The view. It is read once, in order; a reference frame other than the first is fetched in a pass of its own.
         points2d
             Positions in the reference frame, shape (P, 2) [px], full-image pixels.
         names
@@ -168,53 +175,99 @@ class NetworkTracker(ABC):
         BackendUnavailableError
             The device has no memory for a few frames.
         """
-        tracks = follow_with_network(
-            PresetNetwork(self.inference, self.preset),
-            video,
-            points2d,
-            names=names,
-            reference_frame=reference_frame,
-            progress=progress,
-        )
-        return tracks.assign_attrs(
-            tracker=self.name,
-            preset=self.preset.name,
-            weights=self.weights_id,
-            precision=self.inference.precision,
+        targets = Targets(check_points(points2d, names, video), tuple(names))
+        record = self.follow(video, find_reference(video, reference_frame), targets, progress=progress)
+        return self.judge(fix_reference(record, targets, reference_frame), targets, video.info).assign_attrs(
+            reference_frame=reference_frame
         )
 
+    def follow(
+        self,
+        video: Video,
+        reference: Frame | None,
+        targets: Targets,
+        *,
+        start: None = None,
+        progress: Progress | None = None,
+    ) -> xr.Dataset:
+        """Places of a segment; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
 
-def follow_with_network(
+        Parameters
+        ----------
+        video, reference, targets, start, progress
+            As there; every segment is followed from the reference frame on.
+        """
+        network = PresetNetwork(self.inference, self.preset)
+        record = record_with_network(network, video, reference, targets, progress)
+        return record.assign_attrs(precision=self.inference.precision)
+
+    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[None]:
+        """Nothing; see `follow`.
+
+        Parameters
+        ----------
+        looks, reference, targets
+            As of `vfm_sdm.stages.tracking.base.SegmentTracker`.
+        """
+        return [None] * len(looks)
+
+    def on_one_thread(self) -> Self:
+        """The same tracker: sums of a network may depend on the number of threads, and must not on the process."""
+        return self
+
+    def judge(self, record: xr.Dataset, targets: Targets, info: VideoInfo) -> xr.Dataset:
+        """Tracks of places; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+
+        Parameters
+        ----------
+        record, targets, info
+            As there.
+        """
+        attrs = {
+            "tracker": self.name,
+            "preset": self.preset.name,
+            "weights": self.weights_id,
+            "source": info.source,
+            "image_width": info.width,
+            "image_height": info.height,
+            "reference_frame": 0,
+            **record.attrs,
+        }
+        values = (record[name].values for name in ("position", "position_covariance", "status"))
+        return make_tracks(record["time"].values, targets.names, *values, attrs=attrs)
+
+
+def record_with_network(
     network: PresetNetwork,
     video: Video,
-    points2d: FloatArray,
-    *,
-    names: Sequence[str],
-    reference_frame: int = 0,
+    reference: Frame | None,
+    targets: Targets,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Tracks of named points through a network.
+    """Places of named points through a network.
 
     Parameters
     ----------
     network
         Network that follows the points, and how it sees the recording.
     video
-        The view; it is read once, in order. The patches of the frames before the reference frame are held in memory.
-    points2d
-        Positions in the reference frame, shape (P, 2) [px], full-image pixels.
-    names, reference_frame, progress
-        As in `vfm_sdm.stages.tracking.base.Tracker.track`.
+        The view, or a segment of it; it is read once, in order.
+    reference
+        The reference frame, which the network sees before the others; ``None`` for the first frame.
+    targets
+        Points in the reference frame.
+    progress
+        Called with ``tracking``, the number of frames done so far and that of all.
 
     Returns
     -------
-    tracks
-        Tracks (see `vfm_sdm.core.datasets`), shape (T, P, 2) [px].
+    record
+        ``position`` [px], ``position_covariance`` [px2] and ``status`` of T frames and P points.
 
     Raises
     ------
     DatasetError
-        Points, names or reference frame do not fit the video, or its pictures are too small.
+        The video has no frame, or its pictures are too small.
     BackendUnavailableError
         The device has no memory for a few frames.
 
@@ -223,83 +276,77 @@ def follow_with_network(
     The status is ``outside`` where a point left the image; ``lost`` where the network calls it hidden or gives no
     position, or where it left its patch; ``unreliable`` below half the confidence.
     """
-    points = check_points(points2d, names, video)
-    if reference_frame < 0:
-        raise DatasetError(f"reference_frame: expected 0 or more, got {reference_frame}; count frames from the first")
+    points, preset = targets.points, network.preset
     image_size = (video.info.width, video.info.height)
-    preset = network.preset
     patches = plan_patches(
         points, image_size, side_px=preset.side_px, multiple=preset.multiple, least_px=preset.least_px
     )
-    followers = [_Follower(network.network, preset, patch, points[patch.rows]) for patch in patches]
+    followers = [_Follower.of(network, patch, points[patch.rows]) for patch in patches]
+    if reference is not None:
+        for follower in followers:
+            follower.feed(reference)
     time_s: list[float] = []
     for frame in video.frames():
         time_s.append(frame.time_s)
         for follower in followers:
-            follower.feed(frame.color(follower.patch.region), before=frame.index < reference_frame)
+            follower.feed(frame)
         if progress is not None:
             progress("tracking", len(time_s), video.info.frame_count)
-    if reference_frame >= len(time_s):
-        raise DatasetError(
-            f"reference_frame: expected a frame {reference_frame}, got a video of {len(time_s)} frames; "
-            "name an earlier one"
-        )
+    if not time_s and reference is None:
+        raise DatasetError("video: expected at least one frame, got none; check the file")
     position = np.full((len(time_s), len(points), 2), np.nan)
     status = np.full((len(time_s), len(points)), int(Status.LOST))
     for follower in followers:
-        rows = follower.patch.rows
-        position[:, rows], status[:, rows] = _judge(follower.finish(), follower.patch, image_size)
+        rows, found = follower.patch.rows, follower.stitcher.finish()
+        position[:, rows], status[:, rows] = _judge(found[len(found) - len(time_s) :], follower.patch, image_size)
     covariance = np.where(np.isfinite(position).all(axis=2)[..., None, None], _STD_PX**2 * np.eye(2), np.nan)
-    covariance[reference_frame] *= 0
-    attrs = {
-        "source": video.info.source,
-        "image_width": video.info.width,
-        "image_height": video.info.height,
-        "reference_frame": reference_frame,
-        "patches": len(patches),
-        "chunk_frames": min(follower.chunk_frames for follower in followers),
-    }
-    return make_tracks(np.array(time_s), names, position, covariance, status, attrs=attrs)
+    if reference is None:
+        covariance[0] *= 0
+    return xr.Dataset(
+        {
+            "position": (("time", "point", "pixel"), position, {"units": "px"}),
+            "position_covariance": (("time", "point", "pixel_a", "pixel_b"), covariance, {"units": "px2"}),
+            "status": (("time", "point"), status.astype(np.int8)),
+        },
+        coords={"time": ("time", time_s, {"units": "s"})},
+        attrs={"patches": len(patches), "chunk_frames": min(f.stitcher.plan.frames for f in followers)},
+    )
 
 
-@dataclass
+def fix_reference(record: xr.Dataset, targets: Targets, frame: int) -> xr.Dataset:
+    """A record in which the points are where they were named in a reference frame.
+
+    Parameters
+    ----------
+    record
+        Of T frames and P points.
+    targets
+        Points in the reference frame.
+    frame
+        Its number.
+    """
+    fixed = record.copy(deep=True)
+    fixed["position"][frame], fixed["status"][frame] = targets.points, Status.OK
+    fixed["position_covariance"][frame] = 0.0
+    return fixed
+
+
+@dataclass(frozen=True, eq=False)
 class _Follower:
-    """The points of one patch, followed from the reference frame on, and from there back to the first frame."""
+    """The points of one patch, followed from the reference frame on."""
 
-    network: ChunkNetwork
     preset: NetworkPreset
     patch: Patch
-    points: FloatArray
-    _before: list[RgbArray] = field(default_factory=list)
-    _onward: ChunkStitcher | None = None
-    _back: ChunkStitcher | None = None
+    stitcher: ChunkStitcher
 
-    @property
-    def chunk_frames(self) -> int:
-        """Frames of a chunk, as far as memory allowed."""
-        plans = [stitcher.plan for stitcher in (self._onward, self._back) if stitcher is not None]
-        return min((plan.frames for plan in plans), default=self.preset.plan.frames)
+    @classmethod
+    def of(cls, network: PresetNetwork, patch: Patch, points: FloatArray) -> "_Follower":
+        stitcher = ChunkStitcher(network.network, network.preset.plan, patch.region.from_full(points))
+        return cls(network.preset, patch, stitcher)
 
-    def feed(self, patch: RgbArray, *, before: bool) -> None:
-        """Takes the next patch, shape (height, width, 3) [px]: before the reference frame, or from there on."""
-        picture = self.preset.picture(patch)
-        if before:
-            self._before.append(picture)
-            return
-        if self._onward is None:
-            self._onward, self._back = self._make_stitcher(), self._make_stitcher()
-            for earlier in (picture, *reversed(self._before)):
-                self._back.feed(earlier)
-            self._before.clear()
-        self._onward.feed(picture)
-
-    def finish(self) -> ChunkTracks:
-        """Tracks of all frames in pixels of the patch, once the reference frame was among them."""
-        parts = [s.finish() for s in (self._back, self._onward) if s is not None]
-        return ChunkTracks.joined(parts[0][:0:-1], parts[1])
-
-    def _make_stitcher(self) -> ChunkStitcher:
-        return ChunkStitcher(self.network, self.preset.plan, self.patch.region.from_full(self.points))
+    def feed(self, frame: Frame) -> None:
+        """Takes the next frame."""
+        self.stitcher.feed(self.preset.picture(frame.color(self.patch.region)))
 
 
 def _judge(found: ChunkTracks, patch: Patch, image_size: tuple[int, int]) -> tuple[FloatArray, IntArray]:

@@ -22,7 +22,6 @@ from vfm_sdm.inputs.video import PassRecord, Video
 from vfm_sdm.stages.tracking.base import SegmentTracker, Targets
 from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.subset_parts import MOST_SAMPLES
-from vfm_sdm.stages.tracking.undivided import InOnePiece
 
 __all__ = [
     "SegmentTask",
@@ -119,7 +118,7 @@ def plan_segments(video: Video, tracker: SegmentTracker, targets: Targets, lengt
     VideoError
         The recording cannot be decoded.
     """
-    begins = [(0, 0.0)] if isinstance(tracker, InOnePiece) else video.divide(length_s)
+    begins = [(0, 0.0)] if tracker.in_one_piece else video.divide(length_s)
     firsts = [first for first, _ in begins]
     if len(begins) == 1:
         return [SegmentTask(0, 0.0, video, None, tracker, targets)]
@@ -209,7 +208,7 @@ class TrackedSegments:
         duration_s = first.segment.info.duration_s or 0.0
         if len(self.tasks) > 1 or duration_s < 2 * self.length_s:
             return []
-        whole = isinstance(first.tracker, InOnePiece)
+        whole = first.tracker.in_one_piece
         why = f"{first.tracker.name} needs the whole recording" if whole else "no frames at which it can be divided"
         return [f"tracked in one piece of {duration_s:.0f} s: {why}"]
 
@@ -297,7 +296,7 @@ def track_segment(task: SegmentTask, progress: Progress | None = None) -> xr.Dat
     DatasetError
         The recording has no frame.
     """
-    reference = None if task.home is None else task.home.first_frame().luma
+    reference = None if task.home is None else task.home.first_frame()
     with small_algebra():
         record = task.tracker.follow(
             task.segment, reference, task.targets, start=task.start, progress=_counted_on(progress, task.first)
@@ -367,7 +366,8 @@ def join_records(records: Sequence[xr.Dataset]) -> xr.Dataset:
             while len(values) >= MOST_SAMPLES:
                 values = values[1::2]
         joined[str(name)] = (variable.dims, values, variable.attrs)
-    return xr.Dataset(joined).set_coords("time")
+    attrs = {name: value for name, value in records[0].attrs.items() if not str(name).startswith(_PASS)}
+    return xr.Dataset(joined, attrs=attrs).set_coords("time")
 
 
 def _decode(video: Video, number: int) -> LumaArray | None:

@@ -11,7 +11,7 @@ import xarray as xr
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.inputs.video import Video, VideoInfo
+from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset, has_rival
 from vfm_sdm.stages.registration.subsets import SubsetBank, check_subset_px
 from vfm_sdm.stages.tracking.base import Targets
@@ -76,6 +76,7 @@ class TemplateTracker:
     """
 
     name = "template"
+    in_one_piece = False
 
     def __init__(
         self,
@@ -134,7 +135,7 @@ class TemplateTracker:
     def follow(
         self,
         video: Video,
-        reference: LumaArray | None,
+        reference: Frame | None,
         targets: Targets,
         *,
         start: None = None,

@@ -8,7 +8,7 @@ import xarray as xr
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.inputs.video import Video, VideoInfo
+from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.tracking.base import DesignedTracker, Targets, Tracker
 from vfm_sdm.stages.tracking.looks import Look
 
@@ -24,13 +24,15 @@ class InOnePiece:
         Who follows.
     """
 
+    in_one_piece = True
+
     def __init__(self, tracker: Tracker) -> None:
         self.tracker, self.name = tracker, tracker.name
 
     def follow(
         self,
         video: Video,
-        reference: LumaArray | None,
+        reference: Frame | None,
         targets: Targets,
         *,
         start: None = None,
@@ -80,11 +82,12 @@ class NoTargets:
     """Who follows nothing, and reads the clock of a view."""
 
     name = "none"
+    in_one_piece = False
 
     def follow(
         self,
         video: Video,
-        reference: LumaArray | None,
+        reference: Frame | None,
         targets: Targets,
         *,
         start: None = None,

@@ -11,7 +11,7 @@ from vfm_sdm.core.datasets import Status, check_tracks
 from vfm_sdm.errors import BackendUnavailableError, DatasetError, SessionError
 from vfm_sdm.stages.tracking.chunks import ChunkPlan
 from vfm_sdm.stages.tracking.hybrid import HybridTracker
-from vfm_sdm.stages.tracking.network import NetworkPreset, PresetNetwork, follow_with_network
+from vfm_sdm.stages.tracking.network import NetworkPreset, NetworkTracker
 from vfm_sdm.stages.tracking.patches import plan_patches
 
 PRESET = NetworkPreset("short", ChunkPlan(10), 98, multiple=14, least_px=56)
@@ -30,8 +30,28 @@ def known(**options):
     return KnownMotion(swaying, number=lambda patch: int(patch[0, 0, 0]), **options)
 
 
+class Told(NetworkTracker):
+    """A tracker with a network that is given, and, if told so, with positions that are."""
+
+    name = "told"
+    preset = PRESET
+    weights_id = "random"
+
+    def __init__(self, network, preset=PRESET, positions=None):
+        self.inference, self.preset, self.positions = network, preset, positions
+
+    def load(self):
+        raise AssertionError
+
+    def follow(self, *arguments, **options):
+        record = super().follow(*arguments, **options)
+        if self.positions is not None:
+            record["position"].values[:] = self.positions
+        return record
+
+
 def follow(network, preset=PRESET, points=POINTS, names=NAMES, video=None, **options):
-    return follow_with_network(PresetNetwork(network, preset), video or plain(), points, names=names, **options)
+    return Told(network, preset).track(video or plain(), points, names=names, **options)
 
 
 def truth(reference=0, points=POINTS, frames=FRAMES):
@@ -151,23 +171,8 @@ def test_progress_counts_frames():
     assert seen == list(range(1, FRAMES + 1))
 
 
-class _Follower:
-    """A tracker that sees points where it is told to."""
-
-    name = "told"
-
-    def __init__(self, positions):
-        self.positions = positions
-
-    def track(self, video, points2d, *, names, reference_frame=0, progress=None):
-        network = known()
-        tracks = follow_with_network(PresetNetwork(network, PRESET), video, points2d, names=names, progress=progress)
-        tracks["position"].values[:] = self.positions
-        return tracks.assign_attrs(tracker="vggt", weights="random", precision="float32")
-
-
 def hybrid_tracker(monkeypatch, positions, **options):
-    monkeypatch.setattr("vfm_sdm.stages.tracking.hybrid.find_tracker", lambda name, **kw: _Follower(positions))
+    monkeypatch.setattr("vfm_sdm.stages.tracking.hybrid.find_tracker", lambda name, **kw: Told(known(), positions=positions))
     return HybridTracker(follower="vggt", subset_px=31, **options)
 
 
