@@ -1,6 +1,6 @@
 """Array types, and checks of arrays at the entry of functions."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ __all__ = [
     "clock_departure",
     "is_even_clock",
     "mean_of_known",
+    "time_blocks",
     "unbroken_runs",
 ]
 
@@ -97,6 +98,24 @@ def unbroken_runs(valid: BoolArray) -> list[slice]:
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
     return [slice(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def time_blocks(frames: int, size: int = 8192) -> Iterator[slice]:
+    """Slices of so many frames that cover a recording, so that what is computed on the way stays small.
+
+    Parameters
+    ----------
+    frames
+        Number of frames.
+    size
+        Frames of a slice at most.
+
+    Examples
+    --------
+    >>> [(block.start, block.stop) for block in time_blocks(10, size=4)]
+    [(0, 4), (4, 8), (8, 10)]
+    """
+    return (slice(first, min(first + size, frames)) for first in range(0, frames, size))
 
 
 def mean_of_known(values: FloatArray, known: BoolArray | None = None, *, axis: int | tuple[int, ...] = 0) -> FloatArray:

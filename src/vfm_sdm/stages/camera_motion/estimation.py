@@ -1,15 +1,22 @@
 """Rotation and translation of one camera a frame, from the pixels of points that stand still."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
+from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known, time_blocks
 from vfm_sdm.geometry.camera import Camera
 from vfm_sdm.geometry.distortion import distort_derivative
 
-__all__ = ["LEVER_ARM_M", "MotionEstimate", "compute_motion_jacobian", "estimate_motion"]
+__all__ = [
+    "LEVER_ARM_M",
+    "MotionEstimate",
+    "MotionModel",
+    "compute_motion_jacobian",
+    "fit_motion",
+    "replace_doubtful",
+]
 
 LEVER_ARM_M = 1.5
 """Height of a tripod: a camera that turns by a radian about the tripod's foot is carried along by this much [m]."""
@@ -37,6 +44,22 @@ class MotionEstimate:
         Covariance of the motion, shape (T, 6, 6) [rad2, rad m, m2].
     motion_without, covariance_without
         Motion and covariance found without one static point, shapes (S, T, 6) and (S, T, 6, 6).
+    """
+
+    motion: FloatArray
+    covariance: FloatArray
+    motion_without: FloatArray
+    covariance_without: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MotionModel:
+    """What a whole recording says of its camera's motion; of `fit_motion`.
+
+    Parameters
+    ----------
+    slope
+        Change of the S static points' pixels with the motion in units of the prior, shape (S, 2, 6) [px].
     rest
         Pixels of the static points with the camera at rest, shape (S, 2) [px].
     unsteadiness_rad
@@ -47,14 +70,69 @@ class MotionEstimate:
         Variance of the static points about the estimate over their stated one [1]; 1 where nothing tells.
     """
 
-    motion: FloatArray
-    covariance: FloatArray
-    motion_without: FloatArray
-    covariance_without: FloatArray
+    slope: FloatArray
     rest: FloatArray
     unsteadiness_rad: float
     likelihood_ratio: float
     noise_factor: float
+
+    def estimate(self, position: FloatArray, covariance: FloatArray) -> MotionEstimate:
+        """Motion in some of the frames, relative to its mean over the recording.
+
+        Parameters
+        ----------
+        position, covariance
+            Of the static points in these frames, as of `fit_motion`.
+
+        Notes
+        -----
+        Where a frame shows no static point, the motion is zero and its covariance that over the recording.
+        """
+        equations = _Equations.of(self, position, covariance)
+        scale = np.repeat([1.0, LEVER_ARM_M], 3)
+        z, z_covariance = equations.posterior(self.unsteadiness_rad)
+        others = [np.arange(len(self.rest)) != point for point in range(len(self.rest))]
+        without = [equations.posterior(self.unsteadiness_rad, among) for among in others]
+        return MotionEstimate(
+            motion=scale * z,
+            covariance=np.outer(scale, scale) * z_covariance,
+            motion_without=scale * np.stack([one for one, _ in without]),
+            covariance_without=np.outer(scale, scale) * np.stack([one for _, one in without]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Normal equations of some frames, point by point."""
+
+    seen: BoolArray
+    shift: FloatArray
+    weight: FloatArray
+    weighted: FloatArray
+    normal: FloatArray
+    right: FloatArray
+
+    @classmethod
+    def of(cls, model: MotionModel, position: FloatArray, covariance: FloatArray) -> "_Equations":
+        seen = np.asarray(np.isfinite(position).all(axis=-1))
+        noise = model.noise_factor * covariance + _LEAST_STD_PX**2 * np.eye(2)
+        weight = np.where(seen[..., None, None], np.linalg.inv(noise), 0.0)
+        weighted = np.einsum("pia,tpij->tpaj", model.slope, weight)
+        shift = np.where(seen[..., None], position - model.rest, 0.0)
+        normal = np.einsum("tpaj,pjb->tpab", weighted, model.slope)
+        return cls(seen, shift, weight, weighted, normal, np.einsum("tpaj,tpj->tpa", weighted, shift))
+
+    def posterior(self, spread: float, among: BoolArray | slice = slice(None)) -> tuple[FloatArray, FloatArray]:
+        """Most probable z (T, 6) and its covariance (T, 6, 6) by some of the points, of a prior of this spread."""
+        normal = self.normal[:, among].sum(axis=1)
+        covariance = np.asarray(np.linalg.inv(normal + np.eye(normal.shape[-1]) / spread**2))
+        return np.asarray(np.einsum("tab,tb->ta", covariance, self.right[:, among].sum(axis=1))), covariance
+
+    def modes(self) -> tuple[FloatArray, FloatArray]:
+        """Eigenvalues of each frame's normal matrix, and squares of the right side along its vectors, shape (T, 6)."""
+        eigenvalues, vectors = np.linalg.eigh(self.normal.sum(axis=1))
+        squares = np.einsum("tba,tb->ta", vectors, self.right.sum(axis=1)) ** 2
+        return np.maximum(eigenvalues, 0.0), squares
 
 
 def compute_motion_jacobian(camera: Camera, points3d: FloatArray) -> FloatArray:
@@ -90,23 +168,17 @@ def compute_motion_jacobian(camera: Camera, points3d: FloatArray) -> FloatArray:
     return np.asarray(lens @ np.concatenate([by_rotation, by_translation], axis=-1))
 
 
-def estimate_motion(position: FloatArray, covariance: FloatArray, jacobian: FloatArray) -> MotionEstimate:
-    """Motion of a camera that explains how static points shift.
+def fit_motion(position: FloatArray, covariance: FloatArray, jacobian: FloatArray) -> MotionModel:
+    """What explains how static points shift: how much a camera moves, and where they are when it rests.
 
     Parameters
     ----------
     position
         Pixels of S static points, shape (T, S, 2) [px]; NaN where missing, no point without any sample.
     covariance
-        Covariance of the pixels, shape (T, S, 2, 2) [px2].
+        Covariance of the pixels, shape (T, S, 2, 2) [px2], see `replace_doubtful`.
     jacobian
         Result of `compute_motion_jacobian` for the static points, shape (S, 2, 6) [px/rad, px/m].
-
-    Returns
-    -------
-    estimate
-        Motion relative to its mean over the recording, shape (T, 6) [rad, m]. Where a frame shows no static point, the
-        motion is zero and its covariance that over the recording.
 
     Notes
     -----
@@ -115,7 +187,8 @@ def estimate_motion(position: FloatArray, covariance: FloatArray, jacobian: Floa
     the prior of all six; it is taken from the recording itself, where the likelihood of all shifts (z integrated out)
     is largest. With it the most probable z follows from as many or as few points as a frame shows, and goes to zero
     with s. The pixels at rest m are the generalised least-squares mean, the factor of the noise makes the residuals
-    what they should be; the three are found in turn.
+    what they should be; the three are found in turn. Frames are taken in blocks, so that memory grows little with the
+    length of a recording.
 
     Examples
     --------
@@ -124,48 +197,59 @@ def estimate_motion(position: FloatArray, covariance: FloatArray, jacobian: Floa
     >>> jacobian = compute_motion_jacobian(camera, points3d)
     >>> yaw_rad = 1e-3 * np.sin(np.arange(200) / 5)
     >>> position = camera.project(points3d) + yaw_rad[:, None, None] * jacobian[:, :, 1]
-    >>> estimate = estimate_motion(position, np.tile(0.01**2 * np.eye(2), (200, 3, 1, 1)), jacobian)
-    >>> bool(np.abs(estimate.motion[:, 1] - yaw_rad + yaw_rad.mean()).max() < 2e-5)
+    >>> covariance = np.tile(0.01**2 * np.eye(2), (200, 3, 1, 1))
+    >>> motion = fit_motion(position, covariance, jacobian).estimate(position, covariance).motion
+    >>> bool(np.abs(motion[:, 1] - yaw_rad + yaw_rad.mean()).max() < 2e-5)
     True
     """
     seen = np.asarray(np.isfinite(position).all(axis=-1))
-    stated = _replace_doubtful(covariance, seen)
     slope = jacobian * np.repeat([1.0, LEVER_ARM_M], 3)
-    rest = mean_of_known(position, seen[..., None])
-    factor, last = 1.0, -1.0
+    model = MotionModel(slope, mean_of_known(position, seen[..., None]), -1.0, 0.0, 1.0)
     for _ in range(_ROUNDS):
-        weight = np.where(seen[..., None, None], np.linalg.inv(factor * stated + _LEAST_STD_PX**2 * np.eye(2)), 0.0)
-        weighted = np.einsum("pia,tpij->tpaj", slope, weight)
-        normal = np.einsum("tpaj,pjb->tpab", weighted, slope)
-        shift = np.where(seen[..., None], position - rest, 0.0)
-        right = np.einsum("tpaj,tpj->tpa", weighted, shift)
-        spread, ratio = _estimate_unsteadiness(normal.sum(axis=1), right.sum(axis=1))
-        z, z_covariance = _compute_posterior(normal.sum(axis=1), right.sum(axis=1), spread)
-        if abs(spread - last) <= _SETTLED * spread:
+        modes = [
+            _Equations.of(model, position[block], covariance[block]).modes() for block in time_blocks(len(position))
+        ]
+        spread, ratio = _estimate_unsteadiness(*(np.concatenate(one) for one in zip(*modes, strict=True)))
+        settled = abs(spread - model.unsteadiness_rad) <= _SETTLED * spread
+        model = replace(model, unsteadiness_rad=spread, likelihood_ratio=ratio)
+        if settled:
             break
-        last = spread
-        residual = np.where(seen[..., None], shift - np.einsum("pia,ta->tpi", slope, z), 0.0)
-        rest = rest + _compute_rest_correction(residual, weight, weighted, z_covariance)
-        factor = _estimate_noise_factor(residual, stated, seen, np.einsum("tpab,tba->", normal, z_covariance))
-    scale = np.repeat([1.0, LEVER_ARM_M], 3)
-    without = []
-    for point in range(seen.shape[1]):
-        others = np.arange(seen.shape[1]) != point
-        without.append(_compute_posterior(normal[:, others].sum(axis=1), right[:, others].sum(axis=1), spread))
-    return MotionEstimate(
-        motion=scale * z,
-        covariance=np.outer(scale, scale) * z_covariance,
-        motion_without=scale * np.stack([one for one, _ in without]),
-        covariance_without=np.outer(scale, scale) * np.stack([one for _, one in without]),
-        rest=rest,
-        unsteadiness_rad=spread,
-        likelihood_ratio=ratio,
-        noise_factor=factor,
-    )
+        model = _improve(model, position, covariance)
+    return model
 
 
-def _replace_doubtful(covariance: FloatArray, seen: BoolArray) -> FloatArray:
-    """Covariances, shape (T, S, 2, 2) [px2]; the mean of the point where a frame states next to nothing or nothing."""
+def _improve(model: MotionModel, position: FloatArray, covariance: FloatArray) -> MotionModel:
+    """The model with the pixels at rest and the noise that its motion leaves."""
+    points = len(model.rest)
+    normal, right = np.zeros((points, 2, points, 2)), np.zeros((points, 2))
+    used, squares, samples = 0.0, 0.0, 0
+    for block in time_blocks(len(position)):
+        one = _Equations.of(model, position[block], covariance[block])
+        z, z_covariance = one.posterior(model.unsteadiness_rad)
+        residual = np.where(one.seen[..., None], one.shift - np.einsum("pia,ta->tpi", model.slope, z), 0.0)
+        # The generalised mean of what is left, motion integrated out.
+        normal -= np.einsum("tpai,tab,tqbj->piqj", one.weighted, z_covariance, one.weighted, optimize=True)
+        normal[np.arange(points), :, np.arange(points)] += one.weight.sum(axis=0)
+        right += np.einsum("tpij,tpj->pi", one.weight, residual)
+        weight = np.linalg.inv(covariance[block] + _LEAST_STD_PX**2 * np.eye(2))
+        squares += float(np.einsum("tpi,tpij,tpj->", residual, weight, residual))
+        used += float(np.einsum("tpab,tba->", one.normal, z_covariance))
+        samples += int(one.seen.sum())
+    correction = np.linalg.solve(normal.reshape(2 * points, 2 * points), right.ravel()).reshape(points, 2)
+    spare = 2 * samples - used - 2 * points
+    factor = squares / spare if spare >= _FEWEST_SPARE else 1.0
+    return replace(model, rest=model.rest + correction, noise_factor=factor)
+
+
+def replace_doubtful(covariance: FloatArray, position: FloatArray) -> FloatArray:
+    """Covariances, shape (T, S, 2, 2) [px2]; the mean of the point where a frame states next to nothing or nothing.
+
+    Parameters
+    ----------
+    covariance, position
+        Of S static points, shapes (T, S, 2, 2) [px2] and (T, S, 2) [px]; NaN where missing.
+    """
+    seen = np.asarray(np.isfinite(position).all(axis=-1))
     known = seen & np.isfinite(covariance).all(axis=(2, 3))
     trace = np.trace(covariance, axis1=2, axis2=3)
     believed = known & (trace >= _SUSPICIOUS * mean_of_known(trace, known))
@@ -173,21 +257,12 @@ def _replace_doubtful(covariance: FloatArray, seen: BoolArray) -> FloatArray:
     return np.where(believed[..., None, None], covariance, mean)
 
 
-def _compute_posterior(normal: FloatArray, right: FloatArray, spread: float) -> tuple[FloatArray, FloatArray]:
-    """Most probable z (T, 6) and its covariance (T, 6, 6), with a prior of standard deviation ``spread``."""
-    covariance = np.asarray(np.linalg.inv(normal + np.eye(normal.shape[-1]) / spread**2))
-    return np.asarray(np.einsum("tab,tb->ta", covariance, right)), covariance
-
-
-def _estimate_unsteadiness(normal: FloatArray, right: FloatArray) -> tuple[float, float]:
+def _estimate_unsteadiness(eigenvalues: FloatArray, squares: FloatArray) -> tuple[float, float]:
     """The standard deviation of z that makes the shifts likeliest, and twice their log-likelihood ratio to none.
 
     With the eigenvalues l and -vectors of each frame's normal matrix, and c the right side along them, the ratio is
     the sum of ``s^2 c^2 / (1 + s^2 l) - log(1 + s^2 l)``.
     """
-    eigenvalues, vectors = np.linalg.eigh(normal)
-    eigenvalues = np.maximum(eigenvalues, 0.0)
-    squares = np.einsum("tba,tb->ta", vectors, right) ** 2
 
     def ratio(log_spread: float) -> float:
         variance = np.exp(2 * log_spread)
@@ -198,23 +273,3 @@ def _estimate_unsteadiness(normal: FloatArray, right: FloatArray) -> tuple[float
     around = _UNSTEADINESS[max(best - 1, 0)], _UNSTEADINESS[min(best + 1, len(_UNSTEADINESS) - 1)]
     found = minimize_scalar(lambda one: -ratio(one), bounds=around, method="bounded", options={"xatol": 1e-4})
     return float(np.exp(found.x)), float(-found.fun)
-
-
-def _compute_rest_correction(
-    residual: FloatArray, weight: FloatArray, weighted: FloatArray, z_covariance: FloatArray
-) -> FloatArray:
-    """What to add to the pixels at rest, shape (S, 2): the generalised mean of what is left, motion integrated out."""
-    points = residual.shape[1]
-    normal = -np.einsum("tpai,tab,tqbj->piqj", weighted, z_covariance, weighted, optimize=True)
-    normal[np.arange(points), :, np.arange(points)] += weight.sum(axis=0)
-    right = np.einsum("tpij,tpj->pi", weight, residual)
-    return np.linalg.solve(normal.reshape(2 * points, 2 * points), right.ravel()).reshape(points, 2)
-
-
-def _estimate_noise_factor(residual: FloatArray, stated: FloatArray, seen: BoolArray, used: float) -> float:
-    """Variance of the residuals over the stated one; 1 where too few observations are spare."""
-    spare = 2 * seen.sum() - used - 2 * seen.shape[1]
-    if spare < _FEWEST_SPARE:
-        return 1.0
-    weight = np.linalg.inv(stated + _LEAST_STD_PX**2 * np.eye(2))
-    return float(np.einsum("tpi,tpij,tpj->", residual, weight, residual) / spare)

@@ -1,19 +1,25 @@
 """Tracks without the motion of the cameras, such as that of a tripod that shakes in the wind or settles."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known
+from vfm_sdm.core.arrays import BoolArray, FloatArray, mean_of_known, time_blocks
 from vfm_sdm.core.covariances import edges_across, measured_variance
 from vfm_sdm.core.datasets import Status, check_tracks, trusted_values
 from vfm_sdm.core.statuses import CameraMotionStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
-from vfm_sdm.stages.camera_motion.estimation import MotionEstimate, compute_motion_jacobian, estimate_motion
+from vfm_sdm.stages.camera_motion.estimation import (
+    MotionEstimate,
+    MotionModel,
+    compute_motion_jacobian,
+    fit_motion,
+    replace_doubtful,
+)
 
 __all__ = ["CameraMotion", "ViewMotion", "remove_camera_motion", "steady_tracks"]
 
@@ -137,7 +143,7 @@ def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Seq
     Notes
     -----
     Points are triangulated once, from their mean pixels; the motion is estimated frame by frame, see
-    `vfm_sdm.stages.camera_motion.estimation.estimate_motion`, linear in the shifts. That leaves about ``shift^2 / (2
+    `vfm_sdm.stages.camera_motion.estimation.fit_motion`, linear in the shifts. That leaves about ``shift^2 / (2
     f)`` of a shift: 0.01 px of 18 px at a focal length of 15,500 px. The motion is relative to its mean over the
     recording, which drops out of displacement.
 
@@ -185,41 +191,66 @@ def _remove_from_view(
         nothing = np.full((frames, 3), np.nan)
         empty = np.zeros(0)
         return tracks, ViewMotion(CameraMotionStatus.NO_POINTS, (), nothing, nothing, nothing, nothing, empty, empty)
-    covariance = tracks["position_covariance"].values[:, usable]
-    estimate = estimate_motion(position[:, usable], covariance, jacobian[usable])
     seen = np.asarray(np.isfinite(position[:, usable]).all(axis=-1))
+    covariance = replace_doubtful(tracks["position_covariance"].values[:, usable], position[:, usable])
+    model = fit_motion(position[:, usable], covariance, jacobian[usable])
+    parts = [
+        _MotionSeries.of(model.estimate(position[block][:, usable], covariance[block]), jacobian[usable])
+        for block in time_blocks(frames)
+    ]
+    series = _MotionSeries(*(np.concatenate([getattr(p, name) for p in parts]) for name in _MotionSeries.names()))
     across = edges_across(tracks)[usable]
-    shifts = _compute_shifts(position[:, usable], seen, jacobian[usable], estimate)
+    shifts = _compute_shifts(position[:, usable], seen, model.rest, series.predicted)
     shift, left = (_keep_measured(one, across) for one in shifts)
     before, after = _compute_scatter(shift), _compute_scatter(left)
-    if estimate.likelihood_ratio < _SIGNIFICANT:
+    if model.likelihood_ratio < _SIGNIFICANT:
         status = CameraMotionStatus.STILL
     elif len(usable) == 1:
-        noise_px = _root_mean_square(np.sqrt(measured_variance(covariance, across)[seen]))
+        stated = tracks["position_covariance"].values[:, usable]
+        noise_px = _root_mean_square(np.sqrt(measured_variance(stated, across)[seen]))
         clear = before[0] > max(_CLEAR * noise_px, _CLEAR_PX)
         status = CameraMotionStatus.ONE_POINT if clear else CameraMotionStatus.STILL
     else:
         predicted = _compute_predicted_share(shift, left) > _PREDICTED
         status = CameraMotionStatus.OK if predicted else CameraMotionStatus.NO_GAIN
     found = np.asarray(seen.any(axis=1))[:, None]
-    motion = np.where(found, estimate.motion, np.nan)
-    std = np.where(found, np.sqrt(np.einsum("taa->ta", estimate.covariance)), np.nan)
+    motion, std = (np.where(found, one, np.nan) for one in (series.motion, series.std))
     static = tuple(str(tracks["point"].values[index]) for index in usable)
     view = ViewMotion(status, static, motion[:, :3], std[:, :3], motion[:, 3:], std[:, 3:], before, after)
     if not view.applied:
         return tracks, view
-    return _subtract_motion(tracks, jacobian, usable, seen, estimate), view
+    return _subtract_motion(tracks, jacobian, usable, (model, position[:, usable], covariance)), view
+
+
+@dataclass(frozen=True, eq=False)
+class _MotionSeries:
+    """What is kept of the motion of every frame."""
+
+    motion: FloatArray
+    """Shape (T, 6) [rad, m]."""
+    std: FloatArray
+    """Its standard deviation, shape (T, 6)."""
+    predicted: FloatArray
+    """Shifts of the static points that the others predict, shape (T, S, 2) [px]."""
+
+    @classmethod
+    def of(cls, estimate: MotionEstimate, jacobian: FloatArray) -> "_MotionSeries":
+        std = np.sqrt(np.einsum("taa->ta", estimate.covariance))
+        return cls(estimate.motion, std, np.einsum("pia,pta->tpi", jacobian, estimate.motion_without))
+
+    @classmethod
+    def names(cls) -> list[str]:
+        return [one.name for one in fields(cls)]
 
 
 def _compute_shifts(
-    position: FloatArray, seen: BoolArray, jacobian: FloatArray, estimate: MotionEstimate
+    position: FloatArray, seen: BoolArray, rest: FloatArray, predicted: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Shifts of the static points from their rest, and what the others' prediction leaves of them, (T, S, 2) [px]."""
-    predicted = np.einsum("pia,pta->tpi", jacobian, estimate.motion_without)
     if seen.shape[1] == 1:
-        return position - estimate.rest, np.full(position.shape, np.nan)
+        return position - rest, np.full(position.shape, np.nan)
     others = seen & (seen.sum(axis=1, keepdims=True) > 1)
-    shift = np.where(others[..., None], position - estimate.rest, np.nan)
+    shift = np.where(others[..., None], position - rest, np.nan)
     return shift, shift - predicted
 
 
@@ -250,28 +281,38 @@ def _root_mean_square(values: FloatArray) -> float:
 
 
 def _subtract_motion(
-    tracks: xr.Dataset, jacobian: FloatArray, usable: Sequence[int], seen: BoolArray, estimate: MotionEstimate
+    tracks: xr.Dataset,
+    jacobian: FloatArray,
+    usable: Sequence[int],
+    fitted: tuple[MotionModel, FloatArray, FloatArray],
 ) -> xr.Dataset:
-    """The tracks less the shifts that the motion predicts, with its covariance added."""
-    shift = np.einsum("pia,ta->tpi", jacobian, estimate.motion)
-    added = np.einsum("pia,tab,pjb->tpij", jacobian, estimate.covariance, jacobian, optimize=True)
-    supported = np.repeat(np.asarray(seen.any(axis=1))[:, None], len(jacobian), axis=1)
-    for number, index in enumerate(usable):
-        J = jacobian[index]
-        shift[:, index] = estimate.motion_without[number] @ J.T
-        added[:, index] = np.einsum("ia,tab,jb->tij", J, estimate.covariance_without[number], J)
-        supported[:, index] = np.asarray(np.delete(seen, number, axis=1)).any(axis=1)
+    """The tracks less the shifts that the motion predicts, with its covariance added.
+
+    ``fitted`` are the model, and positions and covariances of the static points that it was fitted to.
+    """
+    model, static, covariance = fitted
+    seen = np.asarray(np.isfinite(static).all(axis=-1))
     known = np.asarray(np.isfinite(jacobian).all(axis=(1, 2)))
-    supported &= known
+    supported = np.repeat(np.asarray(seen.any(axis=1))[:, None], len(jacobian), axis=1)
+    position, stated = tracks["position"].values.copy(), tracks["position_covariance"].values.copy()
+    for block in time_blocks(len(static)):
+        estimate = model.estimate(static[block], covariance[block])
+        shift = np.einsum("pia,ta->tpi", jacobian, estimate.motion)
+        added = np.einsum("pia,tab,pjb->tpij", jacobian, estimate.covariance, jacobian, optimize=True)
+        for number, index in enumerate(usable):
+            J = jacobian[index]
+            shift[:, index] = estimate.motion_without[number] @ J.T
+            added[:, index] = np.einsum("ia,tab,jb->tij", J, estimate.covariance_without[number], J)
+        # Without support the estimate is zero and its covariance that of the whole recording.
+        position[block] -= np.where(known[:, None], shift, 0.0)
+        stated[block] += np.where(known[:, None, None], added, 0.0)
+    for number, index in enumerate(usable):
+        supported[:, index] = np.asarray(np.delete(seen, number, axis=1)).any(axis=1)
     status = tracks["status"].values
-    doubtful = ~supported & (status == Status.OK)
-    changed = tracks.copy()
-    # Without support the estimate is zero and its covariance that of the whole recording.
+    doubtful = ~(supported & known) & (status == Status.OK)
     values = {
-        "position": tracks["position"].values - np.where(known[:, None], shift, 0.0),
-        "position_covariance": tracks["position_covariance"].values + np.where(known[:, None, None], added, 0.0),
+        "position": position,
+        "position_covariance": stated,
         "status": np.where(doubtful, np.int8(Status.UNRELIABLE), status),
     }
-    for name, data in values.items():
-        changed[name] = tracks[name].copy(data=data)
-    return changed
+    return tracks.assign({name: tracks[name].copy(data=data) for name, data in values.items()})
