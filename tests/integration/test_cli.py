@@ -44,6 +44,12 @@ def test_measure(command, session_file, tmp_path):
     assert (tmp_path / "run" / "displacement.mat").exists()
     assert (tmp_path / "run" / "displacement.uff").exists()
     assert "reused from the run folder: cameras, tracking" in out
+    rows = (tmp_path / "run" / "displacement.csv").read_text().splitlines()
+    status, _, _ = command("measure", session_file, "-o", tmp_path / "run", "--csv-every", "2")
+    assert status == 0
+    assert (tmp_path / "run" / "displacement.csv").read_text().splitlines() == [rows[0], *rows[1::2]]
+    status, _, said = command("measure", session_file, "-o", tmp_path / "run", "--csv-every", "0")
+    assert (status, "--csv-every: expected 1 or more, got 0" in said) == (1, True)
 
 
 def test_stages_one_by_one(command, session_file, tmp_path):

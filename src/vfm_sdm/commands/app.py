@@ -24,7 +24,7 @@ from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
 from vfm_sdm.core.registry import find
 from vfm_sdm.core.sensor_datasets import SensorUnits
-from vfm_sdm.errors import DatasetError, VfmSdmError
+from vfm_sdm.errors import DatasetError, SessionError, VfmSdmError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
@@ -101,6 +101,9 @@ def measure_command(
         tuple[str, ...],
         Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
     ] = (),
+    csv_every: Annotated[
+        int, Parameter(help="Write every N-th frame to displacement.csv; the netCDF file has all of them.")
+    ] = 1,
     whole_files: _WholeFiles = False,
     work: WorkerOptions = _WORKERS,
 ) -> None:
@@ -109,6 +112,8 @@ def measure_command(
     Finished stages and tracked segments in the run folder are reused unless their inputs changed.
     """
     settings = read_session(session)
+    if csv_every < 1:
+        raise SessionError(f"--csv-every: expected 1 or more, got {csv_every}; leave it out to write every frame")
     for form in export:
         find("writers", form)  # before any work is done
     with show_progress() as progress, work.executor() as executor:
@@ -124,6 +129,8 @@ def measure_command(
         _out.print(part)
     _say(f"written: {output} (figures in {output / 'figures'})")
     if result.displacement is not None:
+        if csv_every > 1:
+            write_export("csv", output, result.displacement.isel(time=slice(None, None, csv_every)))
         for form in export:
             _say(f"written: {write_export(form, output, result.displacement)}")
     if cause := first_cause(result.cameras, result.tracks, result.displacement):
