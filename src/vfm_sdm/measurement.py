@@ -16,21 +16,18 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.files import file_hash
-from vfm_sdm.core.parts import Kind
-from vfm_sdm.core.products import Chain, product
+from vfm_sdm.core.products import product
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.core.registry import code_modules, make, settings_read
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import (
     FirstFrames,
-    InputHashes,
     Session,
+    SessionChain,
     input_files,
     open_views,
-    session_hash,
     write_session,
 )
 from vfm_sdm.inputs.video import Video
@@ -57,7 +54,7 @@ from vfm_sdm.stages.tracking.views import track_views
 __all__ = ["Measurement", "measure"]
 
 
-class Measurement(Chain[Session]):
+class Measurement(SessionChain):
     """The products of one session, in a folder or in memory.
 
     Parameters
@@ -95,17 +92,9 @@ class Measurement(Chain[Session]):
         whole_files: bool = False,
         executor: Executor | None = None,
     ) -> None:
-        super().__init__(session, None if folder is None else Path(folder))
-        self.progress = progress
-        self._session, self._executor = session, executor
-        self._hashes, self._parts = InputHashes(whole_files=whole_files), dict[str, Any]()
+        super().__init__(session, None if folder is None else Path(folder), whole_files=whole_files)
+        self.progress, self._executor = progress, executor
         self._choices: dict[tuple[Any, ...], SubsetChoice] = {}
-
-    @property
-    def session(self) -> Session:
-        """What is measured."""
-        self.check_outside("the whole session")
-        return self._session
 
     # What was filmed.
 
@@ -366,62 +355,9 @@ class Measurement(Chain[Session]):
         for kind in (kind for name in self.products() for kind in self.product(name).parts):
             self._part(kind)
 
-    def part(self, kind: Kind) -> Any:
-        """The part of a kind (``cameras``, ``matchers``, ``trackers``) that the session asks for, made once."""
-        self.check_declared(kind)
-        return self._part(kind)
-
-    # What keys are made of beside the session's fields and the code, see `vfm_sdm.core.products`.
-
-    def inputs_of(self, settings: Session) -> dict[str, str]:
-        """Hashes of the files that a session names, by what it calls them; each file is read once.
-
-        Raises
-        ------
-        SessionError
-            A file cannot be read.
-        VideoError
-            No file matches a pattern.
-        """
-        with self.timed("hashing inputs"):
-            return self._hashes.of(settings)
-
-    def part_of(self, kind: Kind) -> dict[str, Any]:
-        """Weights of the chosen part."""
-        return {"weights": str(getattr(self._part(kind), "weights_id", ""))}
-
-    def part_settings(self, kind: Kind) -> list[str]:
-        """Settings that the chosen part reads, and the one that chooses it."""
-        return [f"method.{name}" for name in settings_read(kind, self._session.method)]
-
-    def part_modules(self, kind: Kind) -> tuple[str, ...]:
-        """Modules of the chosen part."""
-        return code_modules(kind, self._session.method)
-
-    def marks(self) -> dict[str, str]:
-        """Hash of the whole session, for readers; it takes no part in any key."""
-        return {"session_hash": session_hash(self._session)}
-
-    def versions(self) -> dict[str, str]:
-        """Versions of the packages that compute."""
-        return package_versions()
-
     def rounded_seconds(self) -> dict[str, float]:
         """Time that each product took [s], by label."""
         return {name: round(value, 3) for name, value in self.seconds.items()}
-
-    def _identity(self, session: Session) -> dict[str, Any]:
-        """What a run folder holds results of: one session, one set of inputs."""
-        # Products that were given were not made of these files, which need not be there.
-        return {
-            "session_hash": session_hash(session),
-            "input_hashes": {} if self.were_given else self.inputs_of(session),
-        }
-
-    def _part(self, kind: Kind) -> Any:
-        if kind not in self._parts:
-            self._parts[kind] = make(kind, self._session.resolved_method)
-        return self._parts[kind]
 
     def _choose(self, view: str, places: Mapping[str, FloatArray], subset_px: int | None) -> dict[str, SubsetChoice]:
         """Subsets of points at places (2,) [px] of a view, by name, each looked at once; none without use for them."""

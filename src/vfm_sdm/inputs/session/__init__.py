@@ -1,9 +1,9 @@
 """The measurement session: what was filmed, measured on site and wanted, and its file ``session.toml``."""
 
 from vfm_sdm.core.files import file_hash
+from vfm_sdm.inputs.session.chain import SessionChain
 from vfm_sdm.inputs.session.exif import lens_from_exif, tags_from_exif
 from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
-from vfm_sdm.inputs.session.hashes import InputHashes
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
 from vfm_sdm.inputs.session.model import Chessboard, Point, Sensor, Session, View
@@ -20,7 +20,6 @@ from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, R
 __all__ = [
     "Chessboard",
     "FirstFrames",
-    "InputHashes",
     "Length",
     "Lens",
     "Level",
@@ -35,6 +34,7 @@ __all__ = [
     "Rectangle",
     "Sensor",
     "Session",
+    "SessionChain",
     "Sfm",
     "Sgr",
     "Site",

@@ -172,7 +172,9 @@ def test_progress_counts_frames():
 
 
 def hybrid_tracker(monkeypatch, positions, **options):
-    monkeypatch.setattr("vfm_sdm.stages.tracking.hybrid.find_tracker", lambda name, **kw: Told(known(), positions=positions))
+    monkeypatch.setattr(
+        "vfm_sdm.stages.tracking.hybrid.find_tracker", lambda name, **kw: Told(known(), positions=positions)
+    )
     return HybridTracker(follower="vggt", subset_px=31, **options)
 
 
