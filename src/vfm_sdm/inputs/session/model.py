@@ -20,7 +20,7 @@ from pydantic import (
 
 from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.errors import SessionError
-from vfm_sdm.inputs.session.faults import cross_faults, field_faults
+from vfm_sdm.inputs.session.faults import cross_faults, field_faults, repeated_names
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
@@ -152,6 +152,8 @@ class Session(Entry):
     sensor: tuple[Sensor, ...] = ()
     method: Method = Method()
     chessboard: Chessboard | None = None
+    baseline_visit: _PathField | None = None
+    """Run folder of an earlier visit to the same structure, since which rest positions may have changed."""
     folder: Path = Field(default=Path(), exclude=True)
     """Where relative paths start: the folder of the session's file. Not written to it."""
 
@@ -165,6 +167,22 @@ class Session(Entry):
         faults += cross_faults(fields)
         if faults:
             raise SessionError("\n".join(faults))
+
+    @classmethod
+    def partial_faults(cls, fields: Mapping[str, Any]) -> list[str]:
+        """What is wrong with a part of a session, in sentences, apart from what is missing.
+
+        Parameters
+        ----------
+        fields
+            Raw content of a file.
+        """
+        faults = repeated_names(fields)
+        try:
+            Entry.__init__(cls.__new__(cls), **fields)
+        except ValidationError as error:
+            faults = field_faults(error, cls, fields, partial=True) + faults
+        return faults
 
     @property
     def reference_view(self) -> View:
