@@ -47,7 +47,9 @@ class Pieces:
             Number of the group, such as of a view, and of the piece in it.
         """
         with suppress(ResultsError):
-            found = read_dataset(self._path(group, number), _unchecked, kind="a part of a product", command="vfm-sdm measure")
+            found = read_dataset(
+                self._path(group, number), _unchecked, kind="a part of a product", command="vfm-sdm measure"
+            )
             if found.attrs.pop("piece_of", None) == self._key:
                 return found
         return None
