@@ -187,7 +187,10 @@ def test_a_folder_in_use_is_refused(paths, run):
     inside = RunFolder(folder)
     with (
         inside.opened({"session_hash": "a", "input_hashes": {}}),
-        pytest.raises(ResultsError, match=r"expected a folder that no other run writes to, got one in use by process \d+ on .+ since .+; wait"),
+        pytest.raises(
+            ResultsError,
+            match=r"expected a folder that no other run writes to, got one in use by process \d+ on .+ since .+; wait",
+        ),
     ):
         measure(session, folder)
     assert measure(session, folder).displacement is not None
