@@ -6,8 +6,17 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from vfm_sdm.errors import BackendUnavailableError
@@ -39,7 +48,7 @@ class ProcessWorkers(Executor):
     Notes
     -----
     They are begun afresh, not forked: a copy of a process with threads may stop for ever. They end with this process,
-    however that ends.
+    however that ends, and at once where an error leaves the ``with`` block: nobody waits for their work.
 
     Examples
     --------
@@ -50,7 +59,15 @@ class ProcessWorkers(Executor):
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
+        self._context = multiprocessing.get_context("spawn")
+        self._heard, self._line = self._context.Pipe(duplex=False)
         self._pool = self._begin()
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: Any) -> None:
+        """See `concurrent.futures.Executor`."""
+        if kind is not None:
+            self._line.close()
+        self.shutdown()
 
     def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> "Future[R]":
         """See `concurrent.futures.Executor.submit`."""
@@ -66,7 +83,7 @@ class ProcessWorkers(Executor):
         self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
 
     def _begin(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self.workers, multiprocessing.get_context("spawn"), initializer=_stay_with_parent)
+        return ProcessPoolExecutor(self.workers, self._context, _stay_with_parent, (self._heard,))
 
 
 @contextmanager
@@ -96,20 +113,20 @@ def cluster_workers(address: str) -> Iterator[Executor]:
             f"scheduler: expected a Dask scheduler at {address}, got {str(error) or type(error).__name__}; start one "
             "with `dask scheduler`, and workers with `dask worker`"
         ) from error
-    with client, client.get_executor() as executor:
+    # Not pure: else a task that is tried again would be taken for the one that failed.
+    with client, client.get_executor(pure=False) as executor:
         yield executor
 
 
-def _stay_with_parent() -> None:
-    """Leaves interruptions to the parent, and ends with it."""
+def _stay_with_parent(line: Connection) -> None:
+    """Leaves interruptions to the parent, and ends when that closes the line, or ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
+    threading.Thread(target=_end_after, args=(line,), daemon=True).start()
 
 
-def _end_after(parent: Any) -> None:
-    parent.join()
+def _end_after(line: Connection) -> None:
+    with suppress(EOFError, OSError):
+        line.recv_bytes()
     os._exit(1)
 
 
@@ -158,9 +175,10 @@ def run_tasks(
                 number = suspects.popleft()
                 working[executor.submit(function, tasks[number])] = number
             alone = len(working) == 1
-            for future in wait(working, return_when=FIRST_COMPLETED).done:
-                number = working.pop(future)
-                error = future.exception()
+            ended = wait(working, return_when=FIRST_COMPLETED).done
+            while ended:
+                future = ended.pop()  # which holds the result
+                number, error = working.pop(future), _error_of(future)
                 if error is None:
                     done(number, future.result())
                     continue
@@ -176,6 +194,13 @@ def run_tasks(
         for future in working:
             future.cancel()
     return failed
+
+
+def _error_of(future: Future[Any]) -> BaseException | None:
+    try:
+        return future.exception()
+    except CancelledError as error:  # by the executor, as where a cluster lost its scheduler
+        return error
 
 
 def _run_here(function: Callable[[T], R], tasks: Sequence[T], done: Callable[[int, R], None]) -> dict[int, Exception]:

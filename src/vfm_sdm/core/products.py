@@ -63,7 +63,7 @@ class Kept(Generic[T]):
         Names of further files that this one writes.
     whole
         Function that says whether the product is all that it should be. Of one that is not, the pieces stay, and the
-        next run makes it again.
+        next run makes it again, with all that is made of it.
     """
 
     file: str
@@ -174,6 +174,7 @@ class Chain(Generic[S]):
         self.in_folder: dict[str, str] = {}
         self._settings = settings
         self._values: dict[str, Any] = {}
+        self._unfinished: set[str] = set()
         self._keys: dict[str, str] = {}
         self._asking: list[Product[Any]] = []
         self._inside_s: list[float] = []
@@ -313,15 +314,17 @@ class Chain(Generic[S]):
             self._asking.pop()
         self.made[wanted.name] = self.made.get(wanted.name, 0) + 1
         self._values[wanted.name] = value  # now already: what cannot be written need not be made again
+        if not self._unfinished.isdisjoint(wanted.needs) or not (wanted.kept is None or wanted.kept.whole(value)):
+            self._unfinished.add(wanted.name)
         if path is not None and wanted.kept is not None:
             if value is None:  # an earlier run had one
                 for name in (wanted.kept.file, *wanted.kept.beside):
                     path.with_name(name).unlink(missing_ok=True)
             else:
-                whole = wanted.kept.whole(value)
-                wanted.kept.write(path, value, {"key": key if whole else f"{key} unfinished", **self.marks()})
-                self.in_folder[wanted.name] = key
-                if whole:
+                mark = f"{key} unfinished" if wanted.name in self._unfinished else key
+                wanted.kept.write(path, value, {"key": mark, **self.marks()})
+                self.in_folder[wanted.name] = mark
+                if mark == key:
                     self._pieces_of(wanted).clear()
         return value
 

@@ -7,7 +7,7 @@ damaged) stands in `Video.report`, never in made-up frames.
 """
 
 from vfm_sdm.inputs.video.camera_tags import CameraTags
-from vfm_sdm.inputs.video.passes import PassRecord, join_passes
+from vfm_sdm.inputs.video.passes import PassRecord, PassTally, join_passes
 from vfm_sdm.inputs.video.reader import Video, open_images, open_video
 from vfm_sdm.inputs.video.records import DecodeReport, DecodeStop, Frame, FrameSource, RgbArray, VideoInfo
 from vfm_sdm.inputs.video.region import Region
@@ -19,6 +19,7 @@ __all__ = [
     "Frame",
     "FrameSource",
     "PassRecord",
+    "PassTally",
     "Region",
     "RgbArray",
     "Video",

@@ -149,8 +149,7 @@ class ContainerSource:
         stamps = self._timeline.stamps
         if not first < len(stamps):
             raise DecodeStop(RecordingStatus.TRUNCATED, f"expected a frame {first}, got {len(stamps)}; ask for fewer")
-        stamp = int(stamps[first])
-        return Start(stamp, self._timeline.key_before(stamp))
+        return self._timeline.start_at(int(stamps[first]))
 
     def decode(self, number: int, start: Start | None) -> Generator[Frame]:
         """A pass that begins with a frame of this number; see `stream_from`.

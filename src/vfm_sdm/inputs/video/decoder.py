@@ -32,11 +32,14 @@ class Start:
     stamp
         Its time stamp [unit of the stream's stamps].
     key
-        Stamp of a key frame with which decoding can begin, not after it.
+        Stamp of a key frame from which on everything shown decodes, not after it.
+    root
+        Stamp of the key frame that the decoder is given first, which may be an earlier one.
     """
 
     stamp: int
     key: int
+    root: int
 
 
 @contextmanager
@@ -116,10 +119,10 @@ def seek_key(container: av.container.InputContainer, video: av.VideoStream, star
     """
     rate, base = video.average_rate, video.time_base
     step = round(1 / (rate * base)) if rate and base else 0
-    for target in (start.key, start.key - _REORDER_STEPS * step):
+    for target in (start.root, start.root - _REORDER_STEPS * step):
         container.seek(target, stream=video)
         stamp = next((packet.pts for packet in container.demux(video)), None)
-        if stamp is not None and stamp <= start.key:
+        if stamp is not None and stamp <= start.root:
             container.seek(target, stream=video)
             return
     container.seek(min(video.start_time or 0, 0), stream=video)
@@ -168,7 +171,8 @@ def read_pictures(path: Path, start: Start | None = None, *, threads: bool = Tru
     stream without checksums (H.264 has none) cannot be noticed.
 
     Decoding on several processors, an error surfaces some packets late. The group of pictures in question is then
-    decoded once more on a single one, so that a damaged file gives the same frames on every machine.
+    decoded once more on a single one, so that a damaged file gives the same frames on every machine. What the decoder
+    says of pictures before the key frame of the start does not count: they may refer to what it was not given.
     """
     damage: DecodeStop
     with open_stream(path, threads=threads) as (container, video):
@@ -182,6 +186,9 @@ def read_pictures(path: Path, start: Start | None = None, *, threads: bool = Tru
             damage = stop
         else:
             return
+    if threads and start is not None and not first.yielded:
+        yield from read_pictures(path, start, threads=False)
+        return
     with open_stream(path, threads=False) as (container, video):
         again = _Pass(container, video, path, start=start, earlier=first)
         try:
@@ -206,6 +213,8 @@ class _Pass:
         earlier: "_Pass | None" = None,
     ) -> None:
         self._start = start
+        # Whether the key frame of the start went in, and whether an error is that of the packet which just went in.
+        self._begun, self._exact = start is None, video.thread_count == 1
         self._container = container
         self._video = video
         self._path = path
@@ -255,7 +264,7 @@ class _Pass:
                 if fed is not None and not packet.is_discard:
                     heapq.heappush(self._waiting, fed)
                     self._newest = max(self._newest, fed)
-                yield from self._check_pictures(packet.decode())
+                yield from self._check_pictures(self._decode(packet))
                 if self._ended:
                     return
             missing = missing_bytes(self._path)
@@ -274,12 +283,29 @@ class _Pass:
         if self._waiting and not (self._fields or self._ended):
             raise self._damage(f"{len(self._waiting)} pictures that do not decode")
 
+    @property
+    def yielded(self) -> bool:
+        """Whether a picture came out."""
+        return self._first is not None
+
+    def _decode(self, packet: "av.Packet[av.VideoStream]") -> list[av.VideoFrame]:
+        """What comes out when a packet goes in; errors of pictures before the key frame of the start do not count."""
+        stamp = packet.pts
+        self._begun = self._begun or (self._start is not None and stamp == self._start.key)
+        try:
+            return packet.decode()
+        except av.FFmpegError:
+            before = self._start is not None and stamp is not None and stamp < self._start.key
+            if before and (self._exact or not self._begun):
+                return []
+            raise
+
     def _leads(self, packet: "av.Packet[av.VideoStream]") -> bool:
-        """Whether a packet precedes the key frame of the start in time: in an open group it refers to what was before.
+        """Whether a packet precedes the first key frame in time: in an open group it refers to what was before.
 
         Nothing that is shown after a key frame refers to what is shown before it.
         """
-        return self._start is not None and packet.pts is not None and packet.pts < self._start.key
+        return self._start is not None and packet.pts is not None and packet.pts < self._start.root
 
     def _remaining_pictures(self, limit: int | None) -> Generator[av.VideoFrame]:
         """Pictures that the decoder still holds from before a bad packet; only without threads that is certain."""
@@ -303,7 +329,7 @@ class _Pass:
                     "its frames as images with their fps",
                 )
             lost = self._check_off(stamp)
-            if self._start is not None and stamp < self._start.stamp:
+            if self._start is not None and stamp < self._start.key:
                 continue
             if self._earlier is not None and self._last is not None and stamp <= self._last:
                 self._joined = self._joined or stamp == self._last
@@ -314,10 +340,12 @@ class _Pass:
             self._fields = self._fields or picture.interlaced_frame
             if picture.is_corrupt or (lost and not self._fields):
                 raise self._damage("a picture that is damaged, missing or out of order")
-            if self._first is None:
-                self._first = stamp
             self._step = picture.duration or (0 if self._last is None else stamp - self._last)
             self._last = stamp
+            if self._start is not None and stamp < self._start.stamp:
+                continue
+            if self._first is None:
+                self._first = stamp
             yield picture
 
     def _check_off(self, stamp: int) -> bool:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Generator
+from copy import copy
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
@@ -52,7 +53,7 @@ class ImageSource:
         sequence = read_numbering(find_images(pattern))
         self._files, self._ticks = sequence.files, sequence.ticks.tolist()
         self._fps = fps
-        first = self._files[0]
+        self._like = first = self._files[0]
         try:
             image, _ = _read_image(first)
         except DecodeStop as damage:
@@ -138,7 +139,10 @@ class ImageSource:
         first, count
             Number of the first image, and of images.
         """
-        return [Cut(self, first, None, count)]
+        # The paths of the others are not sent along with a part of them.
+        source, end = copy(self), None if count is None else first + count
+        source._files, source._ticks = self._files[first:end], self._ticks[first:end]
+        return [Cut(source, 0, None, count, shift=first)]
 
     def decode(self, number: int, start: Start | None) -> Generator[Frame]:
         """A pass that begins with an image of this number; see `stream_from`."""
@@ -149,7 +153,7 @@ class ImageSource:
             found = (*image.shape[:2], 8 * image.dtype.itemsize)
             if found != expected:
                 raise VideoError(
-                    f"{path}: expected {_size_words(expected)} like {self._files[0].name}, got {_size_words(found)}; "
+                    f"{path}: expected {_size_words(expected)} like {self._like.name}, got {_size_words(found)}; "
                     "leave only images of one recording in the pattern"
                 )
             luma = image if image.ndim == 2 else cast("LumaArray", cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))

@@ -15,6 +15,8 @@ from vfm_sdm.stages.tracking.frame_prediction import find_gaps
 
 __all__ = ["FrameClock", "check_frames", "find_repeats", "find_skips"]
 
+_LONG = 3.0
+"""Times the usual interval of the stamps from which on frames are known to be missing."""
 _FEWEST_FRAMES = 12
 _STD_FLOOR_PX = 2e-3
 """Smallest standard deviation of a position [px]: below, the subsets' own systematic errors rule."""
@@ -143,7 +145,9 @@ class _Steps:
         if not good.any():
             return None
         found = (step / (np.sqrt(2) * std))[:, good]
-        usable = np.isfinite(found).all(axis=(1, 2))
+        # Over a gap that the stamps show, motion does not go on; the steps beside it are compared with that over it.
+        gap = np.convolve(interval > _LONG * np.median(interval), np.ones(5), "same") > 0
+        usable = np.isfinite(found).all(axis=(1, 2)) & ~gap
         return cls(np.nan_to_num(found.reshape(len(found), -1)), usable)
 
 

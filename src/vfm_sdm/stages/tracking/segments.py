@@ -18,7 +18,7 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.core.threads import small_algebra
 from vfm_sdm.errors import ResultsError, VideoError
-from vfm_sdm.inputs.video import PassRecord, Video
+from vfm_sdm.inputs.video import PassRecord, PassTally, Video
 from vfm_sdm.stages.tracking.base import SegmentTracker, Targets
 from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.subset_parts import MOST_SAMPLES
@@ -37,7 +37,12 @@ __all__ = [
 _BETWEEN_S = 2.0
 """Time between two looks at least [s]: many motions of a structure, and few frames of a recording."""
 _PASS = "pass_"
-_PASS_DIMS = {"change": ("time", "measure"), "same": ("time",), "edges": ("edge", "row", "column")}
+_PASS_DIMS = {
+    "time_s": ("frame",),
+    "change": ("frame", "measure"),
+    "same": ("frame",),
+    "edges": ("edge", "row", "column"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +179,7 @@ class TrackedSegments:
             The file of one is gone.
         """
         if len(self.failed) == len(self.tasks):
-            raise next(iter(self.failed.values()))
+            raise self.failed[0]
         return [self._record(number) for number in range(len(self.tasks)) if number not in self.failed]
 
     def _record(self, number: int) -> xr.Dataset:
@@ -234,17 +239,18 @@ def track_segments(
     """
     places = [(view, number) for view, tasks in plans.items() for number in range(len(tasks))]
     held: dict[tuple[str, int], xr.Dataset] = {}
+    order = {view: group for group, view in enumerate(plans)}
     pieces, frames = work.pieces, Counter[str]()
 
     def read(view: str, number: int) -> xr.Dataset | None:
-        return held.get((view, number)) if pieces is None else pieces.read(f"{view}/{number:04d}")
+        return held.get((view, number)) if pieces is None else pieces.read(order[view], number)
 
     def keep(index: int, record: xr.Dataset) -> None:
         view, number = left[index]
         if pieces is None:
             held[view, number] = record
         else:
-            pieces.write(f"{view}/{number:04d}", record)
+            pieces.write(order[view], number, record)
         frames[view] += record.sizes["time"]
         if progress is not None and work.executor is not None:
             progress(f"tracking {view}", frames[view], plans[view][0].segment.info.frame_count)
@@ -301,8 +307,8 @@ def track_segment(task: SegmentTask, progress: Progress | None = None) -> xr.Dat
         record = task.tracker.follow(
             task.segment, reference, task.targets, start=task.start, progress=_counted_on(progress, task.first)
         )
-    passed = task.segment.passed
-    return record if passed is None else _with_pass(record, passed)
+    unread = PassTally().record(RecordingStatus.NOT_READ, "the tracker made no pass over the frames")
+    return _with_pass(record, task.segment.passed or unread)
 
 
 def _with_pass(record: xr.Dataset, passed: PassRecord) -> xr.Dataset:
@@ -316,7 +322,7 @@ def _with_pass(record: xr.Dataset, passed: PassRecord) -> xr.Dataset:
         The pass.
     """
     variables = {_PASS + name: (dims, getattr(passed, name)) for name, dims in _PASS_DIMS.items()}
-    others = [one.name for one in fields(passed) if one.name not in (*_PASS_DIMS, "time_s")]
+    others = [one.name for one in fields(passed) if one.name not in _PASS_DIMS]
     facts = {_PASS + name: getattr(passed, name) for name in others}
     return record.assign(variables).assign_attrs({**facts, _PASS + "digests": list(passed.digests)})
 
@@ -331,7 +337,6 @@ def read_pass(record: xr.Dataset) -> PassRecord:
     """
     arrays = {name: record[_PASS + name].values for name in _PASS_DIMS}
     return PassRecord(
-        time_s=record["time"].values,
         digests=tuple(record.attrs[_PASS + "digests"]),
         status=RecordingStatus(record.attrs[_PASS + "status"]),
         detail=str(record.attrs[_PASS + "detail"]),
@@ -340,7 +345,7 @@ def read_pass(record: xr.Dataset) -> PassRecord:
 
 
 def join_records(records: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Records of segments as one of the whole recording.
+    """Records of segments as one of the whole recording, without the passes over their frames.
 
     Parameters
     ----------
@@ -352,12 +357,12 @@ def join_records(records: Sequence[xr.Dataset]) -> xr.Dataset:
     Of measurements in some frames (``sample``), as many are kept as of a recording in one piece: every second one is
     dropped as often as it takes.
     """
+    first = records[0].drop_vars([_PASS + name for name in _PASS_DIMS])
+    first.attrs = {name: value for name, value in first.attrs.items() if not str(name).startswith(_PASS)}
     if len(records) == 1:
-        return records[0]
+        return first
     joined: dict[str, Any] = {}
-    for name, variable in records[0].variables.items():
-        if str(name).startswith(_PASS):
-            continue
+    for name, variable in first.variables.items():
         axis = next((dim for dim in ("time", "sample") if dim in variable.dims), None)
         values = variable.values
         if axis is not None:
