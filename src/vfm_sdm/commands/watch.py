@@ -127,9 +127,10 @@ def _report_view(view: ViewNow, rows: int) -> Iterator[RenderableType]:
     yield Text(f"{view.name}: {view.source}, {view.state}", style="bold")
     if view.light is None:
         return
+    choosing = f" ({view.while_choosing} before the first)" * (view.while_choosing > 0)
     yield Text(
-        f" {_number(view.kept_hz, 1)} of {_number(view.rate_hz, 1)} pictures a second, {view.dropped} dropped of "
-        f"{view.came - view.before}, {_number(view.latency_s, 2)} s late (at most {_number(view.worst_latency_s, 2)})"
+        f" {_number(view.kept_hz, 1)} of {_number(view.rate_hz, 1)} pictures a second, {view.dropped} of "
+        f"{view.came - view.before} dropped{choosing}, {_number(view.latency_s, 2)} s late (at most {_number(view.worst_latency_s, 2)})"
     )
     light = view.light
     yield Text(f" light {light.mean:.0%}, white {light.saturated:.1%}, {light.change:+.0%} since the start")
@@ -212,8 +213,19 @@ def _print_line(elapsed_s: float, views: Sequence[ViewNow], ended: str | None = 
 
 
 def _view_fields(view: ViewNow) -> dict[str, Any]:
-    names = ("source", "state", "time_s", "came", "measured", "dropped", "damaged", "before", "missing", "rate_hz")
-    names += ("kept_hz", "latency_s", "worst_latency_s", "elsewhere")
+    names = (
+        "source",
+        "state",
+        "time_s",
+        "came",
+        "measured",
+        "dropped",
+        "damaged",
+        "before",
+        "while_choosing",
+        "missing",
+    )
+    names += ("rate_hz", "kept_hz", "latency_s", "worst_latency_s", "elsewhere")
     fields = {name: getattr(view, name) for name in names}
     points = {one.point.name: _point_fields(one) for one in view.points}
     return fields | {"light": _light_fields(view.light), "doubts": doubt_view(view), "points": points}
@@ -241,8 +253,8 @@ def _plain(value: Any) -> Any:
     """Values as JSON has them: arrays as lists, and null for what is not a number."""
     if isinstance(value, dict):
         return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value
+    return None if isinstance(value, float) and not np.isfinite(value) else value

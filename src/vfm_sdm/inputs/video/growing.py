@@ -31,6 +31,8 @@ class GrowingFile:
     ----------
     position
         Bytes handed out so far.
+    complete
+        Whether it has stopped growing.
     reached_end
         Whether everything that was there has been handed out at least once.
 
@@ -57,6 +59,7 @@ class GrowingFile:
         self.name = str(path)
         self.position, self.reached_end = 0, False
         self._path, self._idle_s, self._stopped = path, idle_s, stopped
+        self.complete = False
         self._file = self._open()
         try:
             self._check_index()
@@ -90,12 +93,12 @@ class GrowingFile:
     def _wait(self, size: int) -> bytes:
         """The next bytes, as soon as there are some."""
         deadline = time.monotonic() + self._idle_s
-        while not self._stopped.is_set():
+        while not (self._stopped.is_set() or self.complete):
             if found := self._file.read(size):
                 return found
             self.reached_end = True
-            if time.monotonic() > deadline:
-                break
+            # Who reads asks several times before it believes that there is no more.
+            self.complete = time.monotonic() > deadline
             self._stopped.wait(_POLL_S)
         return b""
 
@@ -104,7 +107,9 @@ class GrowingFile:
         while not self._path.is_file():
             if self._path.is_dir() or time.monotonic() > deadline or self._stopped.is_set():
                 found = "a folder" if self._path.is_dir() else f"nothing of that name within {self._idle_s:g} s"
-                raise VideoError(f"{self._path}: expected a video file, got {found}; start recording, or check the path")
+                raise VideoError(
+                    f"{self._path}: expected a video file, got {found}; start recording, or check the path"
+                )
             self._stopped.wait(_POLL_S)
         return self._path.open("rb", buffering=0)
 

@@ -1,5 +1,6 @@
 """Pictures as they are taken: of a camera, of a stream, or of a file that another process is still writing."""
 
+import os
 import sys
 import time
 from collections import deque
@@ -22,10 +23,11 @@ from vfm_sdm.inputs.video.luma import luma_bits, luma_plane
 
 __all__ = ["LiveCounts", "LivePicture", "LiveSource"]
 
-_HELD = 8
-"""Pictures that wait at most: files are written, and streams sent, several pictures at a time."""
+_HELD_S, _HELD_BYTES = 1.0, 128_000_000
+"""Pictures that wait at most [s]: files are written, and streams sent, several at a time; and their size in memory."""
 _BEHIND_S = 2.0
 """How far decoding may fall behind what has come before it goes on from the next key frame."""
+_THREADS = 4
 _DRIFT = 1e-4
 """How much faster than a true clock a camera's may go [1]: 100 parts in a million."""
 _STAMPS = 4096
@@ -62,14 +64,17 @@ class LiveCounts:
     Parameters
     ----------
     came
-        All pictures, decoded or not.
+        All pictures, decoded or not: those that were taken or wait, and the following.
+    dropped
+        Those that nobody took in time, or that there was no time to decode.
     before
-        Those among them that lay in the file before, and were passed over.
+        Those that lay in the file before, and were passed over.
     damaged
         Those that could not be decoded, or whose stamp goes back.
     """
 
     came: int = 0
+    dropped: int = 0
     before: int = 0
     damaged: int = 0
 
@@ -92,9 +97,8 @@ class LiveSource:
 
     Notes
     -----
-    A picture that is not taken is replaced by a newer one when eight wait. Where decoding itself falls 2 s behind, what
-    has come is passed over up to the next key frame. Both are counted: of what `counts` says came, everything that was
-    neither taken, nor damaged, nor there before, was dropped.
+    A picture that is not taken within a second gives way to newer ones. Where decoding itself falls 2 s behind, what
+    has come is passed over up to the next key frame. Both are counted.
 
     When a picture was taken is not known, only its stamp. `LivePicture.due_s` is its stamp on this machine's clock by
     the quickest pictures so far: what camera, encoder and writer hold back of all pictures is not in it.
@@ -110,12 +114,12 @@ class LiveSource:
         self.width = self.height = self.bit_depth = 0
         self.range = (0.0, 0.0)
         self._stop, self._news = Event(), Condition()
-        self._queue: deque[LivePicture] = deque(maxlen=_HELD)
+        self._queue: deque[LivePicture] = deque()
         self._counts, self._stamps = LiveCounts(), deque[float](maxlen=_STAMPS)
         self._ended, self._error = "", None
         self._file: GrowingFile | None = None
         self._first: tuple[float, int] | None = None  # stamp [s] and turn [deg] of the first picture
-        self._last_s, self._offset_s, self._offset_at = -np.inf, np.inf, 0.0
+        self._last_s, self._offset_s, self._offset_at = -np.inf, np.inf, time.monotonic()
         self._thread = Thread(target=self._run, name=f"read {source}", daemon=True)
 
     def start(self) -> None:
@@ -160,13 +164,8 @@ class LiveSource:
         """What has come so far."""
         return self._counts
 
-    @property
-    def waiting(self) -> int:
-        """Pictures that wait to be taken."""
-        return len(self._queue)
-
     def stamps_s(self) -> FloatArray:
-        """Times of the last pictures that came, decoded or not, increasing, from the first one, shape (T,) [s]."""
+        """Times of the last pictures that came, decoded or not, increasing, shape (T,) [s]."""
         with self._news:
             return np.unique(np.array(self._stamps, np.float64))
 
@@ -174,6 +173,8 @@ class LiveSource:
         try:
             with self._open() as container:
                 video = choose_stream(container, self.name)
+                # Each thread holds a picture back.
+                video.thread_count = min(os.cpu_count() or 1, _THREADS)
                 try:
                     self._read(container, video)
                 finally:
@@ -202,13 +203,18 @@ class LiveSource:
                 with self._container(self._file, asked) as container:
                     yield container
             return
-        asked |= {"timeout": (max(self._idle_s, 1.0), max(self._idle_s, 1.0)), "container_options": {"fflags": "nobuffer"}}
+        asked |= {
+            "timeout": (max(self._idle_s, 1.0), max(self._idle_s, 1.0)),
+            "container_options": {"fflags": "nobuffer"},
+        }
         if self.name.startswith("rtsp"):
             asked["container_options"]["rtsp_transport"] = "tcp"
         address = self.name
         if "://" not in address:
             if sys.platform not in _CAMERAS:
-                raise VideoError(f"{address}: expected Linux or macOS for a camera, got {sys.platform}; give an RTSP address")
+                raise VideoError(
+                    f"{address}: expected Linux or macOS for a camera, got {sys.platform}; give an RTSP address"
+                )
             asked["format"], device = _CAMERAS[sys.platform]
             address = device.format(address) if address.isdecimal() else address
         with self._container(address, asked) as container:
@@ -230,10 +236,11 @@ class LiveSource:
         for packet in container.demux(video):
             if self._stop.is_set():
                 return
-            behind = self._first is not None and packet.size > 0 and self._behind_s(packet) > _BEHIND_S
-            if packet.size and (behind or (skipping and not packet.is_keyframe)):
+            stamp_s = None if packet.pts is None else float(packet.pts * packet.time_base)
+            behind_s = 0.0 if stamp_s is None else self._follow_clock(stamp_s)
+            if packet.size and (behind_s > _BEHIND_S or (skipping and not packet.is_keyframe)):
                 skipping = True
-                self._count(damaged=int(lost), stamp_s=self._stamp_s(packet))
+                self._pass_over(stamp_s, damaged=lost)
                 continue
             skipping = lost = False
             try:
@@ -241,27 +248,22 @@ class LiveSource:
                     self._enter(picture)
             except av.InvalidDataError:
                 skipping = lost = True
-                self._count(damaged=1)
+                self._pass_over(stamp_s, damaged=True)
 
-    def _behind_s(self, packet: av.Packet) -> float:
-        """How far what is read now lies behind what has come [s]."""
-        stamp_s = self._stamp_s(packet)
-        if stamp_s is None:
+    def _follow_clock(self, stamp_s: float) -> float:
+        """Fits this machine's clock to a stamp that was just read; returns how far that lies behind what has come [s]."""
+        now = time.monotonic()
+        allowed = self._offset_s + _DRIFT * (now - self._offset_at)
+        self._offset_s, self._offset_at = min(allowed, now - stamp_s), now
+        if self._first is None:
             return 0.0
         if self._file is not None:
-            return self._file.waiting_bytes / self._file.position * stamp_s
-        return time.monotonic() - stamp_s - self._offset_s
-
-    def _stamp_s(self, packet: av.Packet) -> float | None:
-        """Time of a packet from the first picture [s]."""
-        if self._first is None or packet.pts is None:
-            return None
-        return float(packet.pts * packet.time_base) - self._first[0]
+            return self._file.waiting_bytes / self._file.position * (stamp_s - self._first[0])
+        return now - stamp_s - self._offset_s
 
     def _enter(self, picture: av.VideoFrame) -> None:
         """Puts a picture into the queue."""
-        now = time.monotonic()
-        stamp_s = now if picture.time is None else picture.time
+        stamp_s = time.monotonic() if picture.time is None else picture.time
         if self._first is None:
             self._first = stamp_s, read_rotation(picture, self.name)
             self._describe(picture)
@@ -274,32 +276,36 @@ class LiveSource:
                 f"{luma.shape[0]}; watch again with the camera's new setting"
             )
         if picture.is_corrupt or time_s <= self._last_s:
-            self._count(damaged=1)
+            self._pass_over(None, damaged=True)
             return
         self._last_s = time_s
-        number = self._counts.came
-        before = self._file is not None and not self._file.reached_end
-        due_s = np.nan if before else time_s + self._follow_clock(now, time_s)
+        # What the decoder gives up at a file's end it held back because nothing came, which tells no latency.
+        unknown = self._lay_there or (self._file is not None and self._file.complete)
         with self._news:
-            passed = len(self._queue) == _HELD and np.isnan(self._queue[0].due_s)
-            self._queue.append(LivePicture(number, time_s, luma, due_s))
-            self._counts = replace(self._counts, came=number + 1, before=self._counts.before + passed)
-            self._stamps.append(time_s)
+            number, passed = self._counts.came, 0
+            self._queue.append(LivePicture(number, time_s, luma, np.nan if unknown else stamp_s + self._offset_s))
+            while time_s - self._queue[0].time_s > _HELD_S or len(self._queue) * luma.nbytes > _HELD_BYTES:
+                self._queue.popleft()
+                passed += 1
+            self._add(came=1, **{"before" if self._lay_there else "dropped": passed})
+            self._stamps.append(stamp_s)
             self._news.notify()
 
-    def _follow_clock(self, now: float, time_s: float) -> float:
-        """This machine's clock less the source's, by the quickest picture so far [s]."""
-        allowed = self._offset_s + _DRIFT * (now - self._offset_at)
-        self._offset_s, self._offset_at = min(allowed, now - time_s), now
-        return self._offset_s
+    @property
+    def _lay_there(self) -> bool:
+        """Whether what is read now was in the file before."""
+        return self._file is not None and not self._file.reached_end
 
-    def _count(self, *, damaged: int, stamp_s: float | None = None) -> None:
-        before = int(not damaged and (self._first is None or (self._file is not None and not self._file.reached_end)))
-        one = self._counts
+    def _pass_over(self, stamp_s: float | None, *, damaged: bool = False) -> None:
+        """Counts a picture that is not shown."""
+        why = "dropped" if self._first is not None and not self._lay_there else "before"
         with self._news:
-            self._counts = LiveCounts(one.came + 1, one.before + before, one.damaged + damaged)
+            self._add(came=1, **{"damaged" if damaged else why: 1})
             if stamp_s is not None:
                 self._stamps.append(stamp_s)
+
+    def _add(self, **more: int) -> None:
+        self._counts = replace(self._counts, **{name: getattr(self._counts, name) + n for name, n in more.items()})
 
     def _describe(self, picture: av.VideoFrame) -> None:
         """Size, depth and range of the pictures."""

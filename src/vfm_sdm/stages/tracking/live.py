@@ -202,4 +202,3 @@ def _main_direction(moved: FloatArray, trusted: Any, across: FloatArray) -> tupl
         along = np.linalg.eigh(np.cov(centred[trusted].T))[1][:, -1]
         along = along if along[np.argmax(np.abs(along))] > 0 else -along
     return along, np.where(trusted, centred @ along, np.nan)
-

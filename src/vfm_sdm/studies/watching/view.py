@@ -4,7 +4,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Lock, Thread
 
 import numpy as np
@@ -94,6 +94,8 @@ class ViewNow:
         Pictures that came; those that were measured; those that this machine did not get round to; those that could not
         be decoded; those that were in the file before and were passed over. The first is the sum of the others, and
         of the few that wait.
+    while_choosing
+        How many of the dropped ones were so while subsets were chosen.
     missing
         Pictures that the source's own stamps lack, in the last minute.
     rate_hz, kept_hz
@@ -119,6 +121,7 @@ class ViewNow:
     dropped: int
     damaged: int
     before: int
+    while_choosing: int
     missing: int
     rate_hz: float
     kept_hz: float
@@ -177,8 +180,9 @@ class WatchedView:
         self._choices: list[SubsetChoice] = []
         self._first: LumaArray | None = None
         self._newest: LivePicture | None = None
+        self._while_choosing = self._looked_at = 0
         self._measured, self._state = 0, "waiting for the first picture"
-        self._done: deque[tuple[float, float]] = deque()  # when a picture was done, and its latency [s]
+        self._done: deque[tuple[float, float, float]] = deque()  # when a picture was done, its latency and stamp [s]
         self._thread = Thread(target=self._run, name=f"watch {name}", daemon=True)
 
     def start(self) -> None:
@@ -201,13 +205,13 @@ class WatchedView:
         counts, stamps = self._source.counts, self._source.stamps_s()
         with self._lock:
             done, measured, state, newest = list(self._done), self._measured, self._state, self._newest
+            looked_at = self._looked_at
             points = self._look_at_points(newest)
         now = time.monotonic()
         recent = [one for one in done if one[0] > now - _RATE_S] if self.running else done
-        latency = np.array([late for _, late in recent if np.isfinite(late)])
+        latency = np.array([late for _, late, _ in recent if np.isfinite(late)])
         stamps = stamps[stamps > stamps[-1] - _MINUTE_S] if stamps.size else stamps
-        steps, spent = np.diff(stamps), recent[-1][0] - recent[0][0] if len(recent) > 1 else 0.0
-        waiting = self._source.waiting
+        steps, spent = np.diff(stamps), recent[-1][2] - recent[0][2] if len(recent) > 1 else 0.0
         return ViewNow(
             name=self.name,
             source=self._source.name,
@@ -215,7 +219,8 @@ class WatchedView:
             time_s=np.nan if newest is None else newest.time_s,
             came=counts.came,
             measured=measured,
-            dropped=max(counts.came - counts.before - counts.damaged - measured - waiting, 0),
+            dropped=counts.dropped + looked_at,
+            while_choosing=self._while_choosing,
             damaged=counts.damaged,
             before=counts.before,
             missing=count_dropped(stamps)[0],
@@ -231,13 +236,11 @@ class WatchedView:
 
     def _run(self) -> None:
         try:
-            opening = self._take_opening()
-            if opening:
-                self._begin(opening)
-                del opening
-                self._say("measuring")
-                while (picture := self._next()) is not None:
-                    self._measure(picture)
+            if opening := self._take_opening():
+                self._choose_subsets(opening)
+            opening.clear()
+            while (picture := self._next()) is not None:
+                self._measure(picture)
             self._say(f"ended: {self._source.ended}")
         except VfmSdmError as error:
             self.error = error
@@ -255,47 +258,44 @@ class WatchedView:
     def _take_opening(self) -> list[LivePicture]:
         """Pictures spread over the first seconds, from which subsets are chosen; the first one is the reference."""
         kept: list[LivePicture] = []
-        while len(kept) < _LOOKS and (picture := self._next()) is not None:
+        while self._points and len(kept) < _LOOKS and (picture := self._next()) is not None:
+            self._looked_at += 1
             if not kept:
-                self._show(picture)
-                self._first = picture.luma
-                self._say("looking at the first pictures" if self._points else "measuring")
+                self._first, self._newest = picture.luma, picture
+                self._say("looking at the first pictures")
             if picture.time_s >= len(kept) * _LOOK_S / _LOOKS:
                 kept.append(picture)
-            if picture.time_s > _LOOK_S or not self._points:
+            if picture.time_s > _LOOK_S:
                 break
         return kept
 
-    def _begin(self, opening: list[LivePicture]) -> None:
-        """Chooses subsets from the first pictures, and follows them through these."""
-        if self._points:
-            self._say("choosing subsets")
-            names = [point.name for point in self._points]
-            video = video_in_memory([one.luma for one in opening], fps=1.0, bit_depth=self._source.bit_depth)
-            choices = design_subsets(video, self._pixels, names, subset_px=self._subset_px)
-            designs = [choice.design for choice in choices]
-            live = LivePoints(
-                opening[0].luma, self._pixels, names, designs=designs, executor=self._executor, kept_s=_MINUTE_S
-            )
-            with self._lock:
-                self._live, self._choices = live, choices
-        for picture in opening:
-            # They waited for the choice of subsets: that is no latency of what follows.
-            self._measure(replace(picture, due_s=np.nan))
+    def _choose_subsets(self, opening: Sequence[LivePicture]) -> None:
+        """Subsets from the first pictures, and who follows them."""
+        self._say("choosing subsets")
+        names = [point.name for point in self._points]
+        video = video_in_memory([one.luma for one in opening], fps=1.0, bit_depth=self._source.bit_depth)
+        choices = design_subsets(video, self._pixels, names, subset_px=self._subset_px)
+        designs = [choice.design for choice in choices]
+        live = LivePoints(
+            opening[0].luma, self._pixels, names, designs=designs, executor=self._executor, kept_s=_MINUTE_S
+        )
+        with self._lock:
+            self._live, self._choices = live, choices
+        # What came since waited for the choice: that tells no rate and no latency of what follows.
+        self._while_choosing = self._source.counts.dropped + self._looked_at
 
     def _measure(self, picture: LivePicture) -> None:
         with self._lock:
+            self._state = "measuring"
+            if self._first is None:
+                self._first = picture.luma
             if self._live is not None:
                 self._live.advance(picture.time_s, picture.luma)
             self._measured += 1
             now = time.monotonic()
-            self._done.append((now, now - picture.due_s))
+            self._done.append((now, now - picture.due_s, picture.time_s))
             while self._done[0][0] < now - _MINUTE_S:
                 self._done.popleft()
-        self._show(picture)
-
-    def _show(self, picture: LivePicture) -> None:
-        with self._lock:
             self._newest = picture
 
     def _say(self, state: str) -> None:

@@ -111,12 +111,12 @@ class Watch:
         VfmSdmError
             Of no view anything can be shown; what is wrong with the first one.
         """
-        errors = [view.error for view in self._views]
-        if all(errors) and errors[0] is not None and all(view.image_size is None for view in self._views):
-            raise errors[0]
         for view in self._views:
             self._find_scales(view)
-        return tuple(view.look() for view in self._views)
+        seen, errors = tuple(view.look() for view in self._views), [view.error for view in self._views]
+        if errors[0] is not None and None not in errors and not any(view.measured for view in seen):
+            raise errors[0]
+        return seen
 
     def _find_scales(self, watched: WatchedView) -> None:
         """Millimetres a pixel, as soon as the size of the pictures is known."""
