@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
 from typing import Annotated, Any
@@ -34,8 +35,45 @@ _BESIDE_POINTS = 8
 _BRAILLE = 0x2800
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of the dots of a Braille character, row by row."""
+_COUNTS = ("came", "measured", "dropped", "while_choosing", "damaged", "before", "missing")
+_VIEW_FIELDS = (
+    "source",
+    "state",
+    "time_s",
+    *_COUNTS,
+    "rate_hz",
+    "kept_hz",
+    "latency_s",
+    "worst_latency_s",
+    "elsewhere",
+)
 
 _out = Console(markup=False)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Times:
+    """How long, and how often."""
+
+    seconds: Annotated[float | None, Parameter(help="End after so many seconds.")] = None
+    every: Annotated[float, Parameter(help="Seconds between two reports.")] = 1.0
+    idle_s: Annotated[float, Parameter(help="A source that brings nothing new for so many seconds has ended.")] = 10.0
+
+    def check(self) -> None:
+        """Refuses times that are not positive.
+
+        Raises
+        ------
+        SessionError
+            One of them is not.
+        """
+        for name, value in {"--seconds": self.seconds, "--every": self.every, "--idle-s": self.idle_s}.items():
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise SessionError(f"{name}: expected a positive number of seconds, got {value}; correct it")
+
+
+_TIMES = Times()
 
 
 def watch(
@@ -51,28 +89,24 @@ def watch(
     cameras: Annotated[
         Path | None, Parameter(help="An earlier run folder: its cameras give millimetres and points in every view.")
     ] = None,
-    seconds: Annotated[float | None, Parameter(help="End after so many seconds.")] = None,
-    every: Annotated[float, Parameter(help="Seconds between two reports.")] = 1.0,
-    idle: Annotated[float, Parameter(help="A source that brings nothing new for so many seconds has ended.")] = 10.0,
+    times: Times = _TIMES,
     json_lines: Annotated[
         bool, Parameter(name="--json", negative="", help="One JSON object a report, for programs.")
     ] = False,
 ) -> None:
     """Live check on site: what every point does now, light, rate and latency. Ctrl-C ends it."""
-    for name, value in {"--seconds": seconds, "--every": every, "--idle": idle}.items():
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise SessionError(f"{name}: expected a positive number of seconds, got {value}; correct it")
+    times.check()
     settings = read_session(session)
     earlier = None if cameras is None else read_cameras(cameras)
-    watched = Watch(settings, name_values(source, "--source"), earlier=earlier, idle_s=idle)
+    watched = Watch(settings, name_values(source, "--source"), earlier=earlier, idle_s=times.idle_s)
     began, reason = time.monotonic(), "every source has ended"
     with _told_to_end() as end, _display(json_lines=json_lines) as show, watched:
         while watched.running:
-            left_s = np.inf if seconds is None else began + seconds - time.monotonic()
+            left_s = np.inf if times.seconds is None else began + times.seconds - time.monotonic()
             if left_s <= 0:
-                reason = f"{seconds:g} s are over"
+                reason = f"{times.seconds:g} s are over"
                 break
-            if end.wait(min(every, left_s)):
+            if end.wait(min(times.every, left_s)):
                 reason = "told to end"
                 break
             show(time.monotonic() - began, watched.look())
@@ -127,15 +161,19 @@ def _report_view(view: ViewNow, rows: int) -> Iterator[RenderableType]:
     yield Text(f"{view.name}: {view.source}, {view.state}", style="bold")
     if view.light is None:
         return
-    choosing = f" ({view.while_choosing} before the first)" * (view.while_choosing > 0)
+    choosing = f" ({view.while_choosing} before the first)" if view.while_choosing else ""
     yield Text(
-        f" {_number(view.kept_hz, 1)} of {_number(view.rate_hz, 1)} pictures a second, {view.dropped} of "
-        f"{view.came - view.before} dropped{choosing}, {_number(view.latency_s, 2)} s late (at most {_number(view.worst_latency_s, 2)})"
+        f" {_number(view.kept_hz, 1)} of {_number(view.rate_hz, 1)} pictures a second; "
+        f"{_number(view.latency_s, 2)} s late, at most {_number(view.worst_latency_s, 2)}"
     )
+    yield Text(f" {view.came - view.before} pictures came, {view.dropped} dropped{choosing}")
     light = view.light
     yield Text(f" light {light.mean:.0%}, white {light.saturated:.1%}, {light.change:+.0%} since the start")
     if view.points:
         yield _point_table(view.points, rows)
+    scales = {one.scale.source for one in view.points if one.scale is not None}
+    if scales:
+        yield Text(f" mm from {' and '.join(sorted(scales))}; motion towards the camera is not seen")
     for point in view.points:
         if doubts := doubt_point(point):
             yield Text(f" {point.point.name}: {'; '.join(doubts)}", style="yellow")
@@ -213,20 +251,7 @@ def _print_line(elapsed_s: float, views: Sequence[ViewNow], ended: str | None = 
 
 
 def _view_fields(view: ViewNow) -> dict[str, Any]:
-    names = (
-        "source",
-        "state",
-        "time_s",
-        "came",
-        "measured",
-        "dropped",
-        "damaged",
-        "before",
-        "while_choosing",
-        "missing",
-    )
-    names += ("rate_hz", "kept_hz", "latency_s", "worst_latency_s", "elsewhere")
-    fields = {name: getattr(view, name) for name in names}
+    fields = {name: getattr(view, name) for name in _VIEW_FIELDS}
     points = {one.point.name: _point_fields(one) for one in view.points}
     return fields | {"light": _light_fields(view.light), "doubts": doubt_view(view), "points": points}
 

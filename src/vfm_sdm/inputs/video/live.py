@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Condition, Event, Thread
-from typing import Any
+from typing import Any, cast
 
 import av
 import numpy as np
@@ -116,7 +116,8 @@ class LiveSource:
         self._stop, self._news = Event(), Condition()
         self._queue: deque[LivePicture] = deque()
         self._counts, self._stamps = LiveCounts(), deque[float](maxlen=_STAMPS)
-        self._ended, self._error = "", None
+        self._ended = ""
+        self._error: VideoError | None = None
         self._file: GrowingFile | None = None
         self._first: tuple[float, int] | None = None  # stamp [s] and turn [deg] of the first picture
         self._last_s, self._offset_s, self._offset_at = -np.inf, np.inf, time.monotonic()
@@ -170,38 +171,46 @@ class LiveSource:
             return np.unique(np.array(self._stamps, np.float64))
 
     def _run(self) -> None:
+        error: VideoError | None = None
         try:
-            with self._open() as container:
-                video = choose_stream(container, self.name)
-                # Each thread holds a picture back.
-                video.thread_count = min(os.cpu_count() or 1, _THREADS)
-                try:
-                    self._read(container, video)
-                finally:
-                    drain(video.codec_context)
-            ended = f"nothing new for {self._idle_s:g} s" if self._file is not None else "the stream has ended"
-        except VideoError as error:
-            ended, self._error = str(error), error
-        except (av.FFmpegError, OSError) as error:
-            ended = f"{self.name}: expected pictures, got {error.strerror or error}; check the connection"
-            if self._first is None:
-                self._error = VideoError(ended)
+            ended = self._read_source()
+        except VideoError as found:
+            ended, error = str(found), found
+        except (av.FFmpegError, OSError) as found:
+            silent = isinstance(found, av.ExitError)
+            why = f"nothing within {self._idle_s:g} s" if silent else found.strerror or str(found)
+            ended = f"{self.name}: expected pictures, got {why}; check camera and connection"
         if self._stop.is_set():
-            ended, self._error = "stopped", None
-        elif self._first is None and self._error is None:
-            ended = f"{self.name}: expected pictures, got none that can be decoded; check what is recorded"
-            self._error = VideoError(ended)
+            ended = "stopped"
+        elif self._first is None:
+            error = error or VideoError(ended)
         with self._news:
-            self._ended = ended
+            self._ended, self._error = ended, None if self._stop.is_set() else error
             self._news.notify_all()
+
+    def _read_source(self) -> str:
+        """Reads until nothing more comes, and says why."""
+        with self._open() as container:
+            video = choose_stream(container, self.name)
+            # Each thread holds a picture back.
+            video.thread_count = min(os.cpu_count() or 1, _THREADS)
+            try:
+                self._read(container, video)
+            finally:
+                drain(video.codec_context)
+        if self._first is None:
+            return f"{self.name}: expected pictures, got none that can be decoded; check what is recorded"
+        return f"nothing new for {self._idle_s:g} s" if self._file is not None else "the stream has ended"
 
     @contextmanager
     def _open(self) -> Iterator[av.container.InputContainer]:
         asked: dict[str, Any] = {"mode": "r", "metadata_errors": "replace"}
         if not (self.name.isdecimal() or self.name.startswith("/dev/") or "://" in self.name):
-            with GrowingFile(Path(self.name), idle_s=self._idle_s, stopped=self._stop) as self._file:
-                with self._container(self._file, asked) as container:
-                    yield container
+            with (
+                GrowingFile(Path(self.name), idle_s=self._idle_s, stopped=self._stop) as self._file,
+                self._container(self._file, asked) as container,
+            ):
+                yield container
             return
         asked |= {
             "timeout": (max(self._idle_s, 1.0), max(self._idle_s, 1.0)),
@@ -222,12 +231,12 @@ class LiveSource:
 
     def _container(self, what: object, asked: dict[str, Any]) -> av.container.InputContainer:
         try:
-            return av.open(what, **asked)
+            return cast("av.container.InputContainer", av.open(what, **asked))
         except (av.FFmpegError, ValueError) as error:
             why = getattr(error, "strerror", None) or error
             raise VideoError(
-                f"{self.name}: expected a live source that FFmpeg can open, got an error ({why}); check address, device "
-                "or file"
+                f"{self.name}: expected a live source that FFmpeg can open, got an error ({why}); check address, "
+                "device or file"
             ) from error
 
     def _read(self, container: av.container.InputContainer, video: av.VideoStream) -> None:
@@ -251,7 +260,7 @@ class LiveSource:
                 self._pass_over(stamp_s, damaged=True)
 
     def _follow_clock(self, stamp_s: float) -> float:
-        """Fits this machine's clock to a stamp that was just read; returns how far that lies behind what has come [s]."""
+        """Fits this machine's clock to a stamp just read; returns how far that lies behind what has come [s]."""
         now = time.monotonic()
         allowed = self._offset_s + _DRIFT * (now - self._offset_at)
         self._offset_s, self._offset_at = min(allowed, now - stamp_s), now

@@ -107,9 +107,10 @@ def find_scales(
     Notes
     -----
     In this order: depth over focal length of the cameras of an earlier run; the first ``site.length`` of a session of
-    one view; distance over focal length, where the focal length is known to 15 %, of the point's own ``range`` from this
-    camera, else of the face's distance (``perpendicular_distance`` with ``longitudinal_distance``, the depth of the
-    middle of the picture). The scale is that of the plane that faces the camera: motion towards the camera is not seen.
+    one view; distance over focal length, where the focal length is known to 15 %, of the point's own ``range`` from
+    this camera, else of the face's distance (``perpendicular_distance`` with ``longitudinal_distance``, the depth of
+    the middle of the picture). The scale is that of the plane that faces the camera: motion towards the camera is not
+    seen.
     """
     found = _of_earlier(view, earlier, places)
     if not found and len(session.view) == 1 and session.site.length:

@@ -194,9 +194,9 @@ def doubt_view(now: ViewNow) -> tuple[str, ...]:
             f"{now.kept_hz / 2:.1f} Hz is shown wrong"
         )
     if now.missing:
-        doubts.append(f"the source itself lacks {now.missing} pictures in the last minute")
+        doubts.append(f"missing in the source itself, in the last minute: {now.missing}")
     if now.damaged:
-        doubts.append(f"{now.damaged} pictures were damaged")
+        doubts.append(f"damaged: {now.damaged}")
     if now.light is not None:
         if now.light.saturated > _WHITE_PICTURE:
             doubts.append(f"{now.light.saturated:.0%} of the picture is white: expose less")
