@@ -96,7 +96,7 @@ def watch(
 ) -> None:
     """Live check on site: what every point does now, light, rate and latency. Ctrl-C ends it."""
     times.check()
-    settings = read_session(session)
+    settings = read_session(session, check_files=False)
     earlier = None if cameras is None else read_cameras(cameras)
     watched = Watch(settings, name_values(source, "--source"), earlier=earlier, idle_s=times.idle_s)
     began, reason = time.monotonic(), "every source has ended"
@@ -169,8 +169,9 @@ def _report_view(view: ViewNow, rows: int) -> Iterator[RenderableType]:
     yield Text(f" {view.came - view.before} pictures came, {view.dropped} dropped{choosing}")
     light = view.light
     yield Text(f" light {light.mean:.0%}, white {light.saturated:.1%}, {light.change:+.0%} since the start")
-    if view.points:
-        yield _point_table(view.points, rows)
+    if all(one.motion is None for one in view.points):
+        return
+    yield _point_table(view.points, rows)
     scales = {one.scale.source for one in view.points if one.scale is not None}
     if scales:
         yield Text(f" mm from {' and '.join(sorted(scales))}; motion towards the camera is not seen")

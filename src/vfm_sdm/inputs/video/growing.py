@@ -139,6 +139,7 @@ class GrowingFile:
                 break
             place += size
         self._file.seek(0)
+        self.complete = self.reached_end = False
 
     def _exactly(self, size: int) -> bytes:
         """So many bytes, or less where no more come."""

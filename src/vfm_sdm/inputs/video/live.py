@@ -41,8 +41,6 @@ class LivePicture:
 
     Parameters
     ----------
-    number
-        How many came before it.
     time_s
         Time from the first picture, by the source's stamps [s].
     luma
@@ -51,7 +49,6 @@ class LivePicture:
         When it could have been here at the earliest, by `time.monotonic` [s]; NaN where that is not known.
     """
 
-    number: int
     time_s: float
     luma: LumaArray
     due_s: float
@@ -291,8 +288,8 @@ class LiveSource:
         # What the decoder gives up at a file's end it held back because nothing came, which tells no latency.
         unknown = self._lay_there or (self._file is not None and self._file.complete)
         with self._news:
-            number, passed = self._counts.came, 0
-            self._queue.append(LivePicture(number, time_s, luma, np.nan if unknown else stamp_s + self._offset_s))
+            passed = 0
+            self._queue.append(LivePicture(time_s, luma, np.nan if unknown else stamp_s + self._offset_s))
             while time_s - self._queue[0].time_s > _HELD_S or len(self._queue) * luma.nbytes > _HELD_BYTES:
                 self._queue.popleft()
                 passed += 1

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from vfm_sdm.core.statuses import PointStatus
-from vfm_sdm.errors import CameraError, SessionError
+from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.inputs.session import Session, View
 from vfm_sdm.inputs.video.live import LiveSource
 from vfm_sdm.stages.cameras.solution import CameraSolution
@@ -127,7 +127,7 @@ class Watch:
         places = find_places(self._session, view, self._earlier)
         try:
             watched.scales = find_scales(self._session, view, watched.image_size, places, self._earlier)
-        except CameraError as error:
+        except VfmSdmError as error:
             self.notes.append(f"no millimetres: {error}")
 
 
