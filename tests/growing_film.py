@@ -17,7 +17,7 @@ __all__ = ["Film", "start_film"]
 
 @dataclass(frozen=True)
 class Film:
-    """A square picture of 256 px that swings along v, and drifts along u not at all."""
+    """A square picture of 256 px that swings along v, a whole number of pictures in each period."""
 
     seconds: float = 6.0
     fps: int = 30
@@ -40,16 +40,22 @@ class Film:
 
 
 def start_film(target, film=None, *, log=None):
-    """The process that writes it; ``log`` is filled with the monotonic time at which each picture was handed over."""
+    """The process that writes it, when the file is there.
+
+    ``log`` is filled with the monotonic time at which each picture was handed over.
+    """
     words = [sys.executable, __file__, str(target), json.dumps(asdict(film or Film())), str(log or "")]
-    return subprocess.Popen(words)
+    writer = subprocess.Popen(words)
+    while "://" not in str(target) and not Path(target).exists() and writer.poll() is None:
+        time.sleep(0.01)
+    return writer
 
 
 def _write(target, film, log):
     texture = NaturalTexture(3)
     pictures = [
         np.clip(texture.image((0.0, film.moved_px(number / film.fps))), 0, 255).round().astype(np.uint8)
-        for number in range(film.frames)
+        for number in range(min(film.frames, round(film.fps / film.frequency_hz)))
     ]
     options = dict([film.options.split("=", 1)]) if film.options else {}
     options["flush_packets"] = "1"
@@ -61,11 +67,11 @@ def _write(target, film, log):
         stream.width = stream.height = 256
         stream.pix_fmt, stream.gop_size = "yuv420p", film.key_frames
         begin = time.monotonic()
-        for number, picture in enumerate(pictures):
+        for number in range(film.frames):
             if not film.at_once:
                 time.sleep(max(0.0, begin + number / film.fps - time.monotonic()))
             luma = np.full((384, 256), 128, np.uint8)
-            luma[:256] = picture
+            luma[:256] = pictures[number % len(pictures)]
             frame = av.VideoFrame.from_ndarray(luma, format="yuv420p")
             frame.pts = number
             container.mux(stream.encode(frame))

@@ -211,7 +211,8 @@ class WatchedView:
         recent = [one for one in done if one[0] > now - _RATE_S] if self.running else done
         latency = np.array([late for _, late, _ in recent if np.isfinite(late)])
         stamps = stamps[stamps > stamps[-1] - _MINUTE_S] if stamps.size else stamps
-        steps, spent = np.diff(stamps), recent[-1][2] - recent[0][2] if len(recent) > 1 else 0.0
+        missing = count_dropped(stamps)[0]
+        came_s, spent = (np.ptp(stamps) if stamps.size else 0.0), recent[-1][2] - recent[0][2] if len(recent) > 1 else 0.0
         return ViewNow(
             name=self.name,
             source=self._source.name,
@@ -223,8 +224,8 @@ class WatchedView:
             while_choosing=self._while_choosing,
             damaged=counts.damaged,
             before=counts.before,
-            missing=count_dropped(stamps)[0],
-            rate_hz=float(1 / np.median(steps)) if steps.size else np.nan,
+            missing=missing,
+            rate_hz=float((stamps.size - 1 + missing) / came_s) if came_s > 0 else np.nan,
             kept_hz=(len(recent) - 1) / spent if spent > 0 else np.nan,
             latency_s=float(np.median(latency)) if latency.size else np.nan,
             worst_latency_s=float(latency.max()) if latency.size else np.nan,

@@ -94,10 +94,10 @@ def test_whatever_else_is_left_to_who_reads_it(tmp_path, content):
 
 
 def test_what_never_comes(tmp_path):
-    with pytest.raises(VideoError, match="got nothing of that name within 0.1 s; start recording"):
+    with pytest.raises(VideoError, match=r"got nothing of that name within 0\.1 s; start recording"):
         GrowingFile(tmp_path / "film.ts", idle_s=0.1, stopped=Event())
     with pytest.raises(VideoError, match="expected a video file, got a folder"):
         GrowingFile(tmp_path, idle_s=60.0, stopped=Event())
     (tmp_path / "film.ts").write_bytes(b"GGG")
-    with pytest.raises(VideoError, match="got 3 bytes and no more within 0.1 s"):
+    with pytest.raises(VideoError, match=r"got 3 bytes and no more within 0\.1 s"):
         GrowingFile(tmp_path / "film.ts", idle_s=0.1, stopped=Event())
