@@ -29,7 +29,9 @@ from vfm_sdm.studies.watching.watch import Watch, doubt_point, doubt_view
 __all__ = ["draw_trace", "watch"]
 
 _MINUTE_S = 60.0
-_TRACE_CHARACTERS = 24
+_TRACE_CHARACTERS = 20
+_ROOM_FOR_TRACE = 72
+"""Columns of a terminal from which on it has room for traces."""
 _BESIDE_POINTS = 8
 """Lines of a view beside those of its points."""
 _BRAILLE = 0x2800
@@ -184,9 +186,10 @@ def _report_view(view: ViewNow, rows: int) -> Iterator[RenderableType]:
 
 def _point_table(points: Sequence[PointNow], rows: int) -> Table:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for name in ("point", "u, v [px]", "p-p [px]", "p-p [mm]", "S/N", "lost"):
-        table.add_column(Text(name), justify="left" if name == "point" else "right", overflow="fold")
-    drawn = not _out.options.ascii_only
+    table.add_column(Text("point"), overflow="fold")
+    for name in ("u, v px", "p-p px", "p-p mm", "S/N", "lost"):
+        table.add_column(Text(name), justify="right", no_wrap=True)
+    drawn = not _out.options.ascii_only and _out.width >= _ROOM_FOR_TRACE
     if drawn:
         table.add_column(Text("last minute"), no_wrap=True, overflow="crop")
     for one in points:
@@ -227,8 +230,8 @@ def draw_trace(time_s: FloatArray, values: FloatArray, columns: int, rows: int) 
     Examples
     --------
     >>> print(draw_trace(np.linspace(0, 60, 400), np.sin(np.linspace(0, 6.28, 400)), 8, 2))
-    ⠀⠀⠀⢀⡠⠤⠤⡀
-    ⠢⠤⠔⠁⠀⠀⠀⠈
+    ⠀⠀⠀⠀⡴⠋⠙⢦
+    ⠳⣄⣠⠞⠀⠀⠀⠀
     """
     wide, high = 2 * columns, 4 * rows
     dots = np.zeros((high, wide), np.bool_)

@@ -212,7 +212,10 @@ class WatchedView:
         latency = np.array([late for _, late, _ in recent if np.isfinite(late)])
         stamps = stamps[stamps > stamps[-1] - _MINUTE_S] if stamps.size else stamps
         missing = count_dropped(stamps)[0]
-        came_s, spent = (np.ptp(stamps) if stamps.size else 0.0), recent[-1][2] - recent[0][2] if len(recent) > 1 else 0.0
+        came_s, spent = (
+            (np.ptp(stamps) if stamps.size else 0.0),
+            recent[-1][2] - recent[0][2] if len(recent) > 1 else 0.0,
+        )
         return ViewNow(
             name=self.name,
             source=self._source.name,

@@ -37,7 +37,7 @@ def earlier_run():
     rig = Rig(("left", "right"), (Camera(K, SIZE), Camera(K, SIZE, cam_from_world=right)), metric=True)
     points3d = np.array([[1.0, 0.5, 20.0], [2.0, -0.5, 25.0]])
     position = np.stack([camera.project(points3d) for camera in rig.cameras])
-    std, status = np.full((2, 2), 0.1), np.full((2, 2), "ok")
+    std, status = np.full((2, 2, 2), 0.1), np.full((2, 2), "ok")
     points = make_points(["left", "right"], ["mid", "pier"], position=position, position_std=std, status=status)
     return CameraSolution(rig, None, None, points)
 
