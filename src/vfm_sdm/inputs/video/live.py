@@ -238,7 +238,7 @@ class LiveSource:
 
     def _read(self, container: av.container.InputContainer, video: av.VideoStream) -> None:
         """Decodes until the source ends; from key frame to key frame where data are damaged or too many."""
-        skipping, lost = True, False
+        skipping, lost, inside = True, False, 0
         for packet in container.demux(video):
             if self._stop.is_set():
                 return
@@ -249,12 +249,18 @@ class LiveSource:
                 self._pass_over(stamp_s, damaged=lost)
                 continue
             skipping = lost = False
+            inside += packet.size > 0
             try:
                 for picture in packet.decode():
+                    inside -= 1
                     self._enter(picture)
             except av.InvalidDataError:
                 skipping = lost = True
+                inside -= 1
                 self._pass_over(stamp_s, damaged=True)
+        # What went in and did not come out, the decoder lost without a word.
+        for _ in range(inside):
+            self._pass_over(None, damaged=True)
 
     def _follow_clock(self, stamp_s: float) -> float:
         """Fits this machine's clock to a stamp just read; returns how far that lies behind what has come [s]."""
