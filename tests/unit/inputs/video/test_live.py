@@ -7,6 +7,7 @@ import time
 import av
 import numpy as np
 import pytest
+from video_clips import write_clip
 
 from growing_film import Film, start_film
 from vfm_sdm.errors import VideoError
@@ -96,19 +97,6 @@ def test_a_stream_that_is_joined_late_begins_with_a_key_frame(tmp_path):
     assert source.ended.endswith("expected pictures, got nothing within 3 s; check camera and connection")
 
 
-def write_pictures(path, numbers, codec="mpeg4", size=(64, 48), pix_fmt="yuv420p", colour_range=None):
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=30)
-        stream.width, stream.height, stream.pix_fmt = *size, pix_fmt
-        if colour_range is not None:
-            stream.codec_context.color_range = colour_range
-        for number in numbers:
-            frame = av.VideoFrame.from_ndarray(np.full((size[1], size[0], 3), 200, np.uint8), format="rgb24")
-            frame.pts = number
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
-
-
 def test_damaged_pictures_are_counted(tmp_path):
     film = Film(seconds=4.0, at_once=True)
     assert start_film(tmp_path / "film.ts", film).wait() == 0
@@ -128,14 +116,15 @@ def test_damaged_pictures_are_counted(tmp_path):
 
 
 def test_range_of_grey(tmp_path):
-    for name, kind, expected in (("film.mkv", {}, (16.0, 235.0)), ("film.avi", {"codec": "mjpeg"}, (0.0, 255.0))):
-        write_pictures(tmp_path / name, range(5), pix_fmt="yuvj420p" if kind else "yuv420p", **kind)
-        source = LiveSource(str(tmp_path / name), idle_s=0.2)
+    lumas = np.random.default_rng(0).integers(30, 200, (5, 48, 64), np.uint8)
+    for pixel_format, expected in (("yuv420p", (16.0, 235.0)), ("yuvj420p", (0.0, 255.0))):
+        path = write_clip(tmp_path / f"{pixel_format}.mkv", lumas, pixel_format=pixel_format)
+        source = LiveSource(str(path), idle_s=0.2)
         taken = watch(source)
         assert len(taken) == 5
         assert source.range == expected
         assert (source.width, source.height, source.bit_depth) == (64, 48, 8)
-        assert taken[0][1].luma.shape == (48, 64)
+        np.testing.assert_array_equal(taken[0][1].luma, lumas[0])
 
 
 def refusal(name, match):
@@ -173,3 +162,18 @@ def test_told_to_stop_before_anything_came(tmp_path):
     source.stop()
     assert source.ended == "stopped"
     assert source.take(0.1) is None
+
+
+@pytest.mark.parametrize("rotation", [90, 180, 270])
+def test_pictures_are_turned_as_those_of_a_recording(tmp_path, rotation):
+    lumas = np.random.default_rng(0).integers(0, 255, (6, 48, 64), np.uint8)
+    fragmented = {"movflags": "frag_keyframe+empty_moov"}
+    path = write_clip(tmp_path / "film.mp4", lumas, container_options=fragmented, rotation=rotation)
+    source = LiveSource(str(path), idle_s=0.2)
+    taken = watch(source)
+    recorded = list(open_video(path).frames())
+    assert recorded[0].luma.shape == ((64, 48) if rotation % 180 else (48, 64))
+    assert (source.height, source.width) == recorded[0].luma.shape
+    assert len(taken) == len(recorded) == 6
+    for (_, picture), frame in zip(taken, recorded, strict=True):
+        np.testing.assert_array_equal(picture.luma, frame.luma)
