@@ -19,13 +19,14 @@ from vfm_sdm.commands.batch import batch_command
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.lens import lens
-from vfm_sdm.commands.options import ClockOptions, RecipeOptions, WorkerOptions
+from vfm_sdm.commands.options import ClockOptions, RecipeOptions, WorkerOptions, name_values
 from vfm_sdm.commands.planning import plan
 from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.commands.watch import watch
 from vfm_sdm.core.registry import find
 from vfm_sdm.core.sensor_datasets import SensorUnits
-from vfm_sdm.errors import DatasetError, SessionError, VfmSdmError
+from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
@@ -50,6 +51,7 @@ app.command(verify)
 app.command(lens)
 app.command(plan)
 app.command(points)
+app.command(watch)
 
 _SessionFile = Annotated[Path, Parameter(help="The session's file; docs/session.md explains it.")]
 _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to write to.")]
@@ -202,7 +204,7 @@ def reference(
     result = read_sensors(
         files,
         sensors=sensor,
-        columns=_named(column, "--column") or None,
+        columns=name_values(column, "--column") or None,
         units=units,
         sampling_rate_hz=rate,
         settings=recipe.settings(),
@@ -228,7 +230,7 @@ def evaluate(
     result = evaluate_run(
         run,
         against,
-        pairs=_named(pair, "--pair") or None,
+        pairs=name_values(pair, "--pair") or None,
         axes=axis,
         band_hz=band,
         clock=clock.settings(),
@@ -328,14 +330,3 @@ def _fail(reason: str) -> NoReturn:
     """Ends with status 3: the input was right, the data did not allow a result."""
     _err.print(f"vfm-sdm: {reason}", style="red", highlight=False, soft_wrap=True)
     sys.exit(3)
-
-
-def _named(words: Sequence[str], option: str) -> dict[str, str]:
-    """Name and value of every ``name=value``."""
-    named: dict[str, str] = {}
-    for word in words:
-        name, found, value = word.partition("=")
-        if not (name and found and value) or name in named:
-            raise DatasetError(f"{option}: expected name=value, each name once, got {word!r}; correct it")
-        named[name] = value
-    return named

@@ -1,6 +1,6 @@
 """Options of commands that belong together; on the command line each is an option of its own."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from cyclopts import Parameter
 
 from vfm_sdm.analysis.evaluation import ReferenceClock
 from vfm_sdm.core.executors import ProcessWorkers, cluster_workers
-from vfm_sdm.errors import SessionError
+from vfm_sdm.errors import DatasetError, SessionError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings
 from vfm_sdm.inputs.sensors.outliers import HampelUse
 
-__all__ = ["ClockOptions", "RecipeOptions", "WorkerOptions"]
+__all__ = ["ClockOptions", "RecipeOptions", "WorkerOptions", "name_values"]
 
 
 @Parameter(name="*")
@@ -90,3 +90,32 @@ class WorkerOptions:
                 yield executor
         else:
             yield None
+
+
+def name_values(words: Sequence[str], option: str) -> dict[str, str]:
+    """Name and value of every ``name=value``.
+
+    Parameters
+    ----------
+    words
+        What stands behind the option, each time.
+    option
+        The option, for messages.
+
+    Raises
+    ------
+    DatasetError
+        Something else than ``name=value`` stands there, or a name twice.
+
+    Examples
+    --------
+    >>> name_values(["left=rtsp://camera/1"], "--source")
+    {'left': 'rtsp://camera/1'}
+    """
+    named: dict[str, str] = {}
+    for word in words:
+        name, found, value = word.partition("=")
+        if not (name and found and value) or name in named:
+            raise DatasetError(f"{option}: expected name=value, each name once, got {word!r}; correct it")
+        named[name] = value
+    return named

@@ -247,7 +247,7 @@ class ContainerSource:
                 why = damage.detail
             if picture is None:
                 raise VideoError(f"{self._path}: expected at least one usable frame, got none: {why}")
-            rotation_deg = _rotation_deg(picture, self._path)
+            rotation_deg = read_rotation(picture, self._path)
             width, height = _turned_size(picture, rotation_deg)
             rate = video.average_rate or video.guessed_rate
             base = video.time_base or Fraction(1)
@@ -303,7 +303,21 @@ def _duration_s(container: av.container.InputContainer, video: av.VideoStream) -
     return None if container.duration is None else float(container.duration / av.time_base)
 
 
-def _rotation_deg(picture: av.VideoFrame, path: Path) -> int:
+def read_rotation(picture: av.VideoFrame, name: object) -> int:
+    """Clockwise turn with which a picture is to be shown: 0, 90, 180 or 270 [deg].
+
+    Parameters
+    ----------
+    picture
+        Decoded picture.
+    name
+        What its recording is called, for messages.
+
+    Raises
+    ------
+    VideoError
+        The turn is another one, or the picture is mirrored.
+    """
     for side_data in cast("Iterable[SideData]", picture.side_data):
         if side_data.type.name == "DISPLAYMATRIX":
             matrix = np.frombuffer(bytes(side_data), dtype=np.int32).reshape(3, 3)[:2, :2].ravel() / _FIXED_POINT
@@ -311,7 +325,7 @@ def _rotation_deg(picture: av.VideoFrame, path: Path) -> int:
             turn = _CLOCKWISE_DEG.get(tuple(whole.tolist())) if np.allclose(matrix, whole, atol=1e-3) else None
             if turn is None:
                 raise VideoError(
-                    f"{path}: expected a rotation by 0, 90, 180 or 270 degrees, got the display matrix "
+                    f"{name}: expected a rotation by 0, 90, 180 or 270 degrees, got the display matrix "
                     f"{matrix.tolist()}; correct it in the file"
                 )
             return turn

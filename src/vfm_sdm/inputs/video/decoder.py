@@ -13,7 +13,7 @@ from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.integrity import missing_bytes
 from vfm_sdm.inputs.video.records import DecodeStop
 
-__all__ = ["Start", "open_stream", "read_pictures", "seek_key"]
+__all__ = ["Start", "choose_stream", "drain", "open_stream", "read_pictures", "seek_key"]
 
 # Without "explode" the decoders paint over damaged areas with their neighbours and say nothing.
 # "crccheck" compares the checksums of HEVC pictures where the encoder wrote them.
@@ -77,24 +77,45 @@ def open_stream(path: Path, *, threads: bool = True) -> Iterator[tuple[av.contai
             "recording was closed properly and copied whole"
         ) from error
     with container:
-        # A cover picture is a stream of one frame that no camera recorded.
-        streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
-        if not streams:
-            kinds = ", ".join(sorted({str(s.type) for s in container.streams})) or "no stream at all"
-            raise VideoError(f"{path}: expected a video stream, got only {kinds}; give the file the camera recorded")
-        video = streams[0]
-        if video.codec_context is None:
-            raise VideoError(f"{path}: expected a codec that FFmpeg can decode, got none; convert it to H.264 or HEVC")
-        video.codec_context.options = dict(_DECODER_OPTIONS)
-        if threads:
-            # Whole pictures at once wherever the codec can; with slices at once, H.264 does not mark what it filled in.
-            video.thread_type = "AUTO"
-        else:
-            video.thread_count = 1
+        video = choose_stream(container, path, threads=threads)
         try:
             yield container, video
         finally:
-            _finish(video.codec_context)
+            drain(video.codec_context)
+
+
+def choose_stream(container: av.container.InputContainer, name: object, *, threads: bool = True) -> av.VideoStream:
+    """The first video stream of a container, set up so that damage is reported.
+
+    Parameters
+    ----------
+    container
+        Open for reading.
+    name
+        What it is called, for messages.
+    threads
+        Whether several pictures are decoded at once.
+
+    Raises
+    ------
+    VideoError
+        There is no video stream that can be decoded.
+    """
+    # A cover picture is a stream of one frame that no camera recorded.
+    streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+    if not streams:
+        kinds = ", ".join(sorted({str(s.type) for s in container.streams})) or "no stream at all"
+        raise VideoError(f"{name}: expected a video stream, got only {kinds}; give the file the camera recorded")
+    video = streams[0]
+    if video.codec_context is None:
+        raise VideoError(f"{name}: expected a codec that FFmpeg can decode, got none; convert it to H.264 or HEVC")
+    video.codec_context.options = dict(_DECODER_OPTIONS)
+    if threads:
+        # Whole pictures at once wherever the codec can; with slices at once, H.264 does not mark what it filled in.
+        video.thread_type = "AUTO"
+    else:
+        video.thread_count = 1
+    return video
 
 
 def seek_key(container: av.container.InputContainer, video: av.VideoStream, start: Start) -> None:
@@ -128,9 +149,16 @@ def seek_key(container: av.container.InputContainer, video: av.VideoStream, star
     container.seek(min(video.start_time or 0, 0), stream=video)
 
 
-def _finish(decoder: av.VideoCodecContext) -> None:
-    """Waits until the decoder's threads are idle.
+def drain(decoder: av.VideoCodecContext) -> None:
+    """Waits until the decoder's threads are idle; to be called before it is freed.
 
+    Parameters
+    ----------
+    decoder
+        Of a stream that is read no more.
+
+    Notes
+    -----
     One that has something to log asks for the interpreter's lock, which whoever frees the decoder holds while it waits
     for the threads.
     """

@@ -19,7 +19,7 @@ from vfm_sdm.stages.cameras.profile_priors import LensPrior, prior_of_stated, pr
 from vfm_sdm.stages.lens.file import read_lens
 from vfm_sdm.stages.lens.scene import PRINCIPAL_POINT_STD
 
-__all__ = ["CameraPriors", "read_priors"]
+__all__ = ["CameraPriors", "read_prior", "read_priors"]
 
 
 _CALIBRATED_STD = 0.003
@@ -186,7 +186,7 @@ def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator:
         raise CameraError(f"{estimator}: expected site.baseline, got none; measure the distance between the cameras")
     views = {view.name: view for view in session.view}
     found = [
-        _read_prior(
+        read_prior(
             session,
             views[name],
             (luma.shape[1], luma.shape[0]),
@@ -201,12 +201,32 @@ def read_priors(session: Session, frames: Mapping[str, LumaArray], *, estimator:
     )
 
 
-def _read_prior(
+def read_prior(
     session: Session, view: View, image_size: tuple[int, int], aspect: float, tags: CameraTags
 ) -> tuple[Camera, FloatArray, str]:
-    """One camera, the covariance of its intrinsics, and a note or an empty one.
+    """What is known of one view's camera before its pictures are used: from its own file, its lens or EXIF.
 
-    ``aspect`` is a pixel's width over its height; ``tags`` are what the video says of its camera.
+    Parameters
+    ----------
+    session, view
+        The session, and one of its views.
+    image_size
+        Width and height of its pictures [px].
+    aspect
+        Width of a pixel over its height [1].
+    tags
+        What the recording says of its camera.
+
+    Returns
+    -------
+    camera, covariance, note
+        Intrinsics and distortion; the covariance of the first four of `vfm_sdm.geometry.camera.CAMERA_PARAMETERS`, in
+        their units, shape (4, 4); and a note or an empty one.
+
+    Raises
+    ------
+    CameraError
+        A camera file is of another image size, or pixels beside a lens file are not square.
     """
     width, height = image_size
     diagonal = float(np.hypot(width, height))
@@ -261,7 +281,7 @@ def _find_lens(session: Session, view: View, size: tuple[float, float], along: i
 def _read_lens_file(
     path: Path, name: str, image_size: tuple[int, int], aspect: float
 ) -> tuple[Camera, FloatArray, str]:
-    """What `_read_prior` yields, from a lens file."""
+    """What `read_prior` yields, from a lens file."""
     if abs(aspect - 1) > _SQUARE:
         raise CameraError(
             f"view {name!r}: expected square pixels beside a lens file, got pixels {aspect:g} as wide as high; state "
