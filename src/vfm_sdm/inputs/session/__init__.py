@@ -2,6 +2,7 @@
 
 from vfm_sdm.core.files import file_hash
 from vfm_sdm.inputs.session.chain import SessionChain
+from vfm_sdm.inputs.session.defaults import Defaults, read_defaults
 from vfm_sdm.inputs.session.exif import lens_from_exif, tags_from_exif
 from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
 from vfm_sdm.inputs.session.lens import Lens
@@ -19,6 +20,7 @@ from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, R
 
 __all__ = [
     "Chessboard",
+    "Defaults",
     "FirstFrames",
     "Length",
     "Lens",
@@ -46,6 +48,7 @@ __all__ = [
     "open_views",
     "pixel_aspect",
     "quiet_frames",
+    "read_defaults",
     "read_session",
     "session_hash",
     "tags_from_exif",

@@ -11,12 +11,17 @@ from pydantic_core import ErrorDetails
 from vfm_sdm.core.registry import parts_of, settings_model, table_names
 from vfm_sdm.errors import BackendUnavailableError
 
-__all__ = ["cross_faults", "field_faults"]
+__all__ = ["NAMED", "cross_faults", "field_faults", "repeated_names"]
+
+NAMED = ("view", "point", "sensor")
+"""Lists of a session whose entries have names of their own."""
 
 _Location = Sequence[str | int]
 
 
-def field_faults(error: ValidationError, model: type[BaseModel], fields: Mapping[str, Any]) -> list[str]:
+def field_faults(
+    error: ValidationError, model: type[BaseModel], fields: Mapping[str, Any], *, partial: bool = False
+) -> list[str]:
     """One sentence for each faulty field.
 
     Parameters
@@ -27,6 +32,8 @@ def field_faults(error: ValidationError, model: type[BaseModel], fields: Mapping
         The model that was to be built.
     fields
         Its raw input, from which entries of arrays take their names.
+    partial
+        Whether anything but names may be missing; what tables contradict in themselves is then left to the whole.
     """
     details = error.errors()
     inner = {detail["loc"][:length] for detail in details for length in range(len(detail["loc"]))}
@@ -34,8 +41,15 @@ def field_faults(error: ValidationError, model: type[BaseModel], fields: Mapping
         f"{_label(detail['loc'], fields)}: {_sentence(detail, model)}"
         for detail in details
         # An array counts as short when its entries are faulty; they speak for themselves.
-        if not (detail["type"] == "too_short" and detail["loc"] in inner)
+        if not (detail["type"] == "too_short" and detail["loc"] in inner) and not (partial and _may_come(detail))
     ]
+
+
+def _may_come(detail: ErrorDetails) -> bool:
+    """Whether a fault of a part may be none of the whole."""
+    if detail["type"] == "missing":
+        return detail["loc"][-1] != "name" or len(detail["loc"]) == 1
+    return detail["type"] == "value_error" and isinstance(detail["input"], Mapping)
 
 
 def _label(location: _Location, fields: Mapping[str, Any]) -> str:
@@ -107,11 +121,7 @@ def cross_faults(fields: Mapping[str, Any]) -> list[str]:
     """
     views, points = _entries(fields, "view"), _entries(fields, "point")
     view_names, point_names = _names(views), _names(points)
-    faults = [
-        *_repeated("view", view_names),
-        *_repeated("point", point_names),
-        *_repeated("sensor", _names(_entries(fields, "sensor"))),
-    ]
+    faults = repeated_names(fields)
     for point in points:
         label = f"point[{_get(point, 'name')}]"
         faults += _unknown(f"{label}.view", _get(point, "view"), "view", view_names)
@@ -124,6 +134,17 @@ def cross_faults(fields: Mapping[str, Any]) -> list[str]:
     faults += _site_faults(_get(fields, "site"), views, view_names, point_names)
     faults += _method_faults(fields, views, view_names)
     return faults
+
+
+def repeated_names(fields: Mapping[str, Any]) -> list[str]:
+    """Names that several entries of a list have, one sentence each; of raw tables or models.
+
+    Parameters
+    ----------
+    fields
+        A session's fields.
+    """
+    return [fault for kind in NAMED for fault in _repeated(kind, _names(_entries(fields, kind)))]
 
 
 def _site_faults(site: Any, views: list[Any], view_names: list[str], point_names: list[str]) -> list[str]:

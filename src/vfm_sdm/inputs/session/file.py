@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,17 @@ import tomli_w
 
 from vfm_sdm.core.files import write_file
 from vfm_sdm.errors import SessionError
+from vfm_sdm.inputs.session.defaults import Defaults
 from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session
+from vfm_sdm.inputs.session.toml import read_fields, refuse_faults
 
 __all__ = ["read_session", "session_hash", "write_session"]
 
 
-def read_session(path: Path | str, *, check_files: bool = True, points_needed: bool = True) -> Session:
+def read_session(
+    path: Path | str, *, check_files: bool = True, points_needed: bool = True, defaults: Defaults | None = None
+) -> Session:
     """The session in a TOML file; relative paths in it start at the file's folder.
 
     Parameters
@@ -29,6 +32,8 @@ def read_session(path: Path | str, *, check_files: bool = True, points_needed: b
         Whether the videos and other files that it names must be there.
     points_needed
         Whether it must name a point; not for what finds them.
+    defaults
+        What the file need not say (`vfm_sdm.inputs.session.defaults`).
 
     Raises
     ------
@@ -36,38 +41,18 @@ def read_session(path: Path | str, *, check_files: bool = True, points_needed: b
         The file is missing or is not TOML (the message gives the line), or lists every fault in it, one a line.
     """
     source = Path(path)
+    fields, faults = read_fields(source, "session file")
+    if defaults is not None:
+        fields = defaults.under(fields)
     try:
-        # The signature, because some editors begin a file with a byte order mark, which TOML does not know.
-        fields = tomllib.loads(source.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError as error:
-        raise SessionError(f"{source}: expected a session file, got no such file; check the path") from error
-    except OSError as error:
-        raise SessionError(f"{source}: expected a readable session file, got: {error.strerror}; check it") from error
-    except UnicodeDecodeError as error:
-        raise SessionError(
-            f"{source}: expected text in UTF-8, got another at byte {error.start}; save it so"
-        ) from error
-    except tomllib.TOMLDecodeError as error:
-        raise SessionError(f"{source}: expected TOML, got: {error}; correct that line") from error
-    except RecursionError as error:
-        raise SessionError(f"{source}: expected tables, got brackets nested without end; correct the file") from error
-    folder = source.absolute().parent
-    faults: list[str] = []
-    if "folder" in fields:
-        del fields["folder"]
-        faults.append("folder: expected no such key, it is where the file lies; remove it")
-    try:
-        session = Session(**fields, folder=folder)
+        session = Session(**fields, folder=source.absolute().parent)
         if points_needed:
             session.check_points()
     except SessionError as error:
         faults.append(str(error))
     else:
         faults += list(_missing_files(session)) if check_files else []
-    if faults:
-        lines = [line for fault in faults for line in fault.splitlines()]
-        head = f"{source}: " if len(lines) == 1 else f"{source}: {len(lines)} faults\n  "
-        raise SessionError(head + "\n  ".join(lines))
+    refuse_faults(source, faults, below="" if defaults is None else f" over {defaults.path}")
     return session
 
 
@@ -85,6 +70,9 @@ def write_session(path: Path | str, session: Session) -> Path:
     target = Path(path)
     # TOML has no null: an absent key says the same.
     fields = session.model_dump(mode="json", exclude_none=True)
+    for lens in (view.get("lens", {}) for view in fields["view"]):
+        if {"file", "camera"} & lens.keys():
+            del lens["relative_std"]  # they state their own, and are refused beside another
     _move_paths(_path_entries(session, fields), session.folder.absolute(), target.absolute().parent)
     return write_file(target, tomli_w.dumps(_without_empty(fields)))
 
@@ -111,6 +99,7 @@ def _path_entries(session: Session, fields: dict[str, Any]) -> Iterator[tuple[di
     """Every table of a dumped session that holds a path or pattern, with its key."""
     for name, table in session.method.tables.items():
         yield from ((fields["method"][name], key) for key in table_paths(table))
+    yield from ((view["lens"], "file") for view in fields["view"] if "file" in view.get("lens", {}))
     for table in (*fields["view"], *fields["sensor"], fields.get("chessboard", {})):
         for key in ("video", "images", "camera", "file", "corners"):
             if isinstance(table.get(key), dict):
@@ -123,14 +112,28 @@ def _move_paths(entries: Iterable[tuple[dict[str, Any], str]], start: Path, end:
     if start == end:
         return
     for table, key in entries:
-        if not Path(table[key]).is_absolute():
-            table[key] = Path(os.path.relpath(start / table[key], end)).as_posix()
+        named = table[key]
+        moved = [_move_path(one, start, end) for one in (named if isinstance(named, list) else [named])]
+        table[key] = moved if isinstance(named, list) else moved[0]
+
+
+def _move_path(path: str, start: Path, end: Path) -> str:
+    return path if Path(path).is_absolute() else Path(os.path.relpath(start / path, end)).as_posix()
 
 
 def _missing_files(session: Session) -> Iterator[str]:
-    files = [(f"view[{view.name}].{key}", getattr(view, key)) for view in session.view for key in ("video", "camera")]
+    files = [(f"view[{view.name}].camera", view.camera) for view in session.view]
+    files += [(f"view[{view.name}].lens.file", view.lens.file) for view in session.view if view.lens is not None]
     files += [(f"sensor[{sensor.name}].file", sensor.file) for sensor in session.sensor]
     patterns = [(f"view[{view.name}].images", view.images) for view in session.view]
+    for view in session.view:
+        label = f"view[{view.name}].video"
+        for one in view.video if isinstance(view.video, tuple) else (view.video,):
+            # A file's own name may hold brackets.
+            if one is not None and set("*?[") & set(str(one)) and not session.resolve(one).exists():
+                patterns.append((label, str(one)))
+            else:
+                files.append((label, one))
     if session.chessboard is not None:
         files.append(("chessboard.corners", session.chessboard.corners))
         images = session.chessboard.images or {}

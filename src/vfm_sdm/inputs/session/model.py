@@ -20,7 +20,7 @@ from pydantic import (
 
 from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.errors import SessionError
-from vfm_sdm.inputs.session.faults import cross_faults, field_faults
+from vfm_sdm.inputs.session.faults import cross_faults, field_faults, repeated_names
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
@@ -165,6 +165,22 @@ class Session(Entry):
         faults += cross_faults(fields)
         if faults:
             raise SessionError("\n".join(faults))
+
+    @classmethod
+    def partial_faults(cls, fields: Mapping[str, Any]) -> list[str]:
+        """What is wrong with a part of a session, in sentences, apart from what is missing.
+
+        Parameters
+        ----------
+        fields
+            Raw content of a file.
+        """
+        faults = repeated_names(fields)
+        try:
+            Entry.__init__(cls.__new__(cls), **fields)
+        except ValidationError as error:
+            faults = field_faults(error, cls, fields, partial=True) + faults
+        return faults
 
     @property
     def reference_view(self) -> View:

@@ -246,6 +246,35 @@ def test_refinement_and_synchronisation_are_the_paper_s_when_left_out():
         assert getattr(method.sgr, name) == getattr(weights, name)
 
 
+def test_chapters_and_lens_files_are_looked_for_and_move_along(tmp_path):
+    (tmp_path / "site").mkdir()
+    for name in ("GX01.MP4", "GX02.MP4", "one[1].mp4", "lens.toml"):
+        (tmp_path / "site" / name).touch()
+    views = [
+        {"name": "list", "video": ["GX01.MP4", "GX02.MP4"], "lens": {"file": "lens.toml"}},
+        {"name": "pattern", "video": "GX*.MP4", "lens": {"camera": "phone"}},
+        {"name": "brackets", "video": "one[1].mp4"},
+    ]
+    point = {"name": "a", "view": "list", "pixel": [1.0, 2.0]}
+    site = {"baseline": {"value": 4.0, "std": 0.01}}
+    session = Session(name="x", view=views, point=[point], site=site, folder=tmp_path / "site")
+    write_session(tmp_path / "site" / "session.toml", session)
+    assert read_session(tmp_path / "site" / "session.toml") == session
+    moved = read_session(write_session(tmp_path / "run" / "session.toml", session))
+    assert [str(one) for one in moved.view[0].video] == ["../site/GX01.MP4", "../site/GX02.MP4"]
+    assert str(moved.view[0].lens.file) == "../site/lens.toml"
+    assert moved.view[1].lens.camera == "phone"
+    for name in ("GX02.MP4", "lens.toml"):
+        (tmp_path / "site" / name).unlink()
+    with pytest.raises(SessionError) as caught:
+        read_session(tmp_path / "run" / "session.toml")
+    assert "view[list].video: expected a file at ../site/GX02.MP4, got no such file" in str(caught.value)
+    assert "view[list].lens.file: expected a file at ../site/lens.toml, got no such file" in str(caught.value)
+    (tmp_path / "site" / "GX01.MP4").unlink()
+    with pytest.raises(SessionError, match=r"view\[pattern\].video: expected files that match .*GX\*.MP4, got none"):
+        read_session(tmp_path / "run" / "session.toml")
+
+
 def test_chessboard_paths_move_along(tmp_path):
     board = {"pattern": [9, 6], "square_mm": 12.0, "images": {"left": "cal/l*.png", "right": "cal/r*.png"}}
     session = small(chessboard=board, folder=tmp_path)
