@@ -15,6 +15,7 @@ from vfm_sdm import __version__
 from vfm_sdm.analysis.evaluation import evaluate_run, read_sensors, write_evaluation, write_reference
 from vfm_sdm.commands import tables as reports
 from vfm_sdm.commands.acceptance import accept, verify
+from vfm_sdm.commands.batch import batch_command
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.lens import lens
@@ -43,6 +44,7 @@ app = cyclopts.App(
 
 weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundation models: list and fetch them.")
 app.command(weights)
+app.command(batch_command, name="batch")
 app.command(accept)
 app.command(verify)
 app.command(lens)

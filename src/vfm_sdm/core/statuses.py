@@ -19,6 +19,7 @@ __all__ = [
     "RecordingStatus",
     "RefinementStatus",
     "SampleStatus",
+    "SessionOutcome",
     "Verdict",
 ]
 
@@ -219,3 +220,14 @@ class Verdict(StrEnum):
     CARE = "use with care"
     NOT_JUDGED = "not judged"
     REFUSED = "do not use"
+
+
+class SessionOutcome(StrEnum):
+    """What became of one session of many."""
+
+    MEASURED = "measured"
+    """At least one sample is ok; the verdict says what it is worth."""
+    NO_RESULT = "no result"
+    """The input was right, the data did not allow a result."""
+    FAILED = "failed"
+    """The session or its files cannot be used."""

@@ -1,0 +1,100 @@
+"""The command ``batch``: many sessions, and a table of what came out."""
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+from cyclopts.validators import Number
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.core.statuses import SessionOutcome, Verdict
+from vfm_sdm.inputs.session import read_defaults
+from vfm_sdm.studies.batch import BatchRow, OneProcessEach, batch, find_sessions
+
+__all__ = ["batch_command"]
+
+_STATUS = {SessionOutcome.FAILED: 1, SessionOutcome.NO_RESULT: 3}
+"""Exit status for the worst that became of a session, that first."""
+_STYLE = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.NOT_JUDGED: "yellow"}
+
+_out = Console(markup=False)
+_err = Console(stderr=True, markup=False)
+
+
+def batch_command(
+    *sessions: Annotated[str, Parameter(help="Session files, or patterns in quotes: 'sites/*/session.toml'.")],
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Folder of the run folders, one a session.")],
+    defaults: Annotated[Path | None, Parameter(help="TOML file of what the sessions need not say themselves.")] = None,
+    workers: Annotated[int, Parameter(validator=Number(gte=1), help="Sessions at a time, a process each.")] = 1,
+    as_json: Annotated[bool, Parameter(name="--json", negative="", help="Print the table as JSON alone.")] = False,
+) -> None:
+    """Measure many sessions, each into a run folder of its own; a table at the end, also in batch.csv.
+
+    What is finished is reused unless its inputs changed, and one failure does not stop the others. Exit status: 0 where
+    every session gave a result, 1 where one of them failed, else 3 where the data of one did not allow a result.
+    """
+    found = find_sessions(sessions)
+    common = None if defaults is None else read_defaults(defaults)
+    done = 0
+    with show_progress() as progress, OneProcessEach(workers) as executor:
+
+        def report(row: BatchRow) -> None:
+            nonlocal done
+            done += 1
+            _err.print(f"{done}/{len(found)} {row.session}: {_say_outcome(row)}", highlight=False, soft_wrap=True)
+            progress("sessions", done, len(found))
+
+        progress("sessions", 0, len(found))
+        rows = batch(found, output, defaults=common, executor=executor, report=report)
+    if as_json:
+        table = [{key: _known(value) for key, value in asdict(row).items()} for row in rows]
+        _out.print(json.dumps({"sessions": table}, indent=2, ensure_ascii=False), highlight=False, soft_wrap=True)
+    else:
+        _out.print(_tabulate(rows))
+        for row in rows:
+            if row.reason:
+                _out.print(f"{row.session}: {row.reason}", style="red", highlight=False, soft_wrap=True)
+        _out.print(f"written: {output / 'batch.csv'}", highlight=False, soft_wrap=True)
+    sys.exit(next((status for outcome, status in _STATUS.items() if outcome in {row.outcome for row in rows}), 0))
+
+
+def _tabulate(rows: Sequence[BatchRow]) -> Table:
+    """A line a session: verdict, points that were measured, worst uncertainty and of what, time."""
+    title = Text("Sessions; worst uncertainty of a peak-to-peak (k = 2) in mm")
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    for name in ("session", "verdict", "points", "+- mm", "worst at", "time s"):
+        words = name in ("session", "verdict", "worst at")
+        table.add_column(Text(name), justify="left" if words else "right", overflow="fold", no_wrap=not words)
+    for row in rows:
+        known = bool(np.isfinite(row.uncertainty_mm))
+        table.add_row(
+            Text(row.session),
+            Text(_say_outcome(row), style=_style(row)),
+            f"{row.measured_points}/{row.points}" if row.points else "-",
+            f"{row.uncertainty_mm:.3f}" if known else "-",
+            Text(f"{row.point} {row.axis}" if known else ""),
+            f"{row.time_s:.0f}" if np.isfinite(row.time_s) else "-",
+        )
+    return table
+
+
+def _say_outcome(row: BatchRow) -> str:
+    return row.verdict if row.outcome is SessionOutcome.MEASURED and row.verdict else str(row.outcome)
+
+
+def _style(row: BatchRow) -> str:
+    measured = row.outcome is SessionOutcome.MEASURED
+    return _STYLE.get(Verdict(row.verdict), "red") if measured and row.verdict else "" if measured else "red"
+
+
+def _known(value: object) -> object:
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,0 +1,189 @@
+"""Batches: names of run folders, calls in processes of their own, and a line for whatever becomes of a session."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from scenes import write_scene
+from vfm_sdm.core.statuses import SessionOutcome
+from vfm_sdm.errors import ResultsError, SessionError
+from vfm_sdm.inputs.session import read_defaults
+from vfm_sdm.studies.batch import BatchRow, OneProcessEach, batch, find_sessions, write_rows
+from vfm_sdm.studies.batch import run as module
+
+
+def place(folder, *names):
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+
+
+def test_run_folders_are_called_as_the_sessions(tmp_path):
+    place(tmp_path, "b/session.toml", "a/session.toml", "a/night.toml", "deep/er/c/session.toml", "d[1]/session.toml")
+    found = find_sessions([f"{tmp_path}/*/*.toml", f"{tmp_path}/a/session.toml", tmp_path / "d[1]" / "session.toml"])
+    assert list(found) == ["night", "a", "b", "d[1]"]
+    assert found["night"] == tmp_path / "a" / "night.toml"
+    assert "c" in find_sessions([f"{tmp_path}/**/session.toml"])
+
+
+def test_a_session_here_is_called_as_this_folder(tmp_path, monkeypatch):
+    place(tmp_path, "bridge/session.toml")
+    monkeypatch.chdir(tmp_path / "bridge")
+    assert list(find_sessions(["session.toml"])) == ["bridge"]
+
+
+@pytest.mark.parametrize("names", [("x/a/session.toml", "y/a/session.toml"), ("x/A.toml", "y/a/session.toml")])
+def test_two_sessions_of_one_name_are_refused(names, tmp_path):
+    place(tmp_path, *names)
+    with pytest.raises(SessionError, match=r"expected a run folder of its own, got 'a', which .* has, too; rename"):
+        find_sessions([f"{tmp_path}/**/*.toml"])
+
+
+def test_patterns_without_a_match_are_refused(tmp_path):
+    with pytest.raises(SessionError, match=r"none.toml: expected session files, got no match"):
+        find_sessions([tmp_path / "none.toml"])
+
+
+def test_rows_as_csv(tmp_path):
+    rows = [
+        BatchRow("a", "a.toml", SessionOutcome.MEASURED, "fit to use", 1, 2, 0.1234567, "mid", "lateral", 2.0),
+        BatchRow("b", "b.toml", SessionOutcome.FAILED, reason="wrong, in two ways"),
+    ]
+    with write_rows(tmp_path / "batch.csv", rows).open(encoding="utf-8") as stream:
+        first, second = csv.DictReader(stream)
+    assert (first["outcome"], first["uncertainty_mm"], first["axis"], first["time_s"]) == (
+        *("measured", "0.123457", "lateral", "2"),
+    )
+    assert (second["uncertainty_mm"], second["reason"]) == ("", "wrong, in two ways")
+
+
+def die(name, file, run, defaults):
+    if name == "dies":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return BatchRow(name, str(file), SessionOutcome.MEASURED, str(os.getpid()))
+
+
+def test_a_process_that_dies_takes_no_other_along(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_measure_one", die)
+    reported = []
+    with OneProcessEach(2) as executor:
+        sessions = dict.fromkeys(("one", "dies", "two"), Path("s.toml"))
+        rows = batch(sessions, tmp_path, executor=executor, report=reported.append)
+    assert [row.session for row in rows] == ["one", "dies", "two"]
+    assert [row.outcome for row in rows] == [SessionOutcome.MEASURED, SessionOutcome.FAILED, SessionOutcome.MEASURED]
+    assert len({str(os.getpid()), rows[0].verdict, rows[2].verdict}) == 3
+    assert "got it killed or out of memory; run the batch again" in rows[1].reason
+    assert sorted(row.session for row in reported) == ["dies", "one", "two"]
+
+
+ORPHAN = """
+import sys, time
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_batch import tell_and_wait
+from vfm_sdm.studies.batch import OneProcessEach
+if __name__ == "__main__":
+    with OneProcessEach(1) as executor:
+        executor.submit(tell_and_wait, Path({told!r})).result()
+"""
+
+
+def tell_and_wait(told):
+    told.write_text(str(os.getpid()))
+    time.sleep(300)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows tells otherwise whether a process lives")
+def test_processes_end_with_the_one_that_made_them(tmp_path):
+    script, told = tmp_path / "script.py", tmp_path / "pid"
+    script.write_text(ORPHAN.format(tests=str(Path(__file__).parent), told=str(told)))
+    with subprocess.Popen([sys.executable, script], env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}) as one:
+        wait_until(lambda: told.exists() and told.read_text())
+        one.kill()
+    wait_until(lambda: not lives(int(told.read_text())))
+
+
+def lives(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    # One that ended and that nobody has asked for yet counts as gone.
+    status = Path(f"/proc/{pid}/stat")
+    return not status.exists() or status.read_text().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def wait_until(condition, at_most_s=60):
+    end = time.monotonic() + at_most_s
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_whatever_goes_wrong_is_one_line(tmp_path, monkeypatch):
+    errors = {
+        "session": SessionError("s.toml: 2 faults\n  a: wrong\n  b: wrong"),
+        "bug": KeyError("x"),
+        "pool": BrokenExecutor("gone"),
+    }
+
+    def fail(name, file, run, defaults):
+        raise errors[name]
+
+    monkeypatch.setattr(module, "_measure_one", fail)
+    rows = batch(dict.fromkeys(errors, Path("s.toml")), tmp_path)
+    assert [row.reason for row in rows[:2]] == [
+        "s.toml: 2 faults; a: wrong; b: wrong",
+        "KeyError: 'x'; measure it alone to see where",
+    ]
+    assert rows[2].reason.startswith("expected its process to end by itself")
+    assert {row.outcome for row in rows} == {SessionOutcome.FAILED}
+
+
+def test_an_interruption_leaves_a_table_and_begins_nothing_more(tmp_path, monkeypatch):
+    begun = []
+
+    def note(name, file, run, defaults):
+        begun.append(name)
+        time.sleep(0.2)
+        return BatchRow(name, str(file), SessionOutcome.MEASURED)
+
+    def interrupt(row):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "_measure_one", note)
+    with pytest.raises(KeyboardInterrupt):
+        batch(dict.fromkeys("abcdef", Path("s.toml")), tmp_path, report=interrupt)
+    assert len(begun) <= 2
+    assert (tmp_path / "batch.csv").read_text().splitlines()[1].startswith("a,")
+
+
+def test_a_table_that_cannot_be_written_is_known_before_any_work(tmp_path):
+    (tmp_path / "batch.csv").mkdir()
+    with ThreadPoolExecutor(1) as executor, pytest.raises(ResultsError, match=r"batch.csv: expected to write it"):
+        batch({"a": Path("s.toml")}, tmp_path, executor=executor)
+    assert not (tmp_path / "a").exists()
+
+
+def test_defaults_reach_the_run_folder(tmp_path):
+    file = write_scene(tmp_path / "plane", frames=5)
+    (tmp_path / "defaults.toml").write_text('[method]\nscale_limit = 0.2\n[[point]]\nname = "b"\nstatic = true\n')
+    text = file.read_text().replace("scale_limit = 0.05\n", "").replace('name = "b"\nview = "left"', 'name = "b"')
+    file.write_text(text.replace("static = false\n", ""))
+    (row,) = batch({"plane": file}, tmp_path / "runs", defaults=read_defaults(tmp_path / "defaults.toml"))
+    assert "point[b].view: expected a value, got nothing" in row.reason  # the default has none either
+    (tmp_path / "defaults.toml").write_text(
+        '[method]\nscale_limit = 0.2\n[[point]]\nname = "b"\nview = "left"\nstatic = true\n'
+    )
+    (row,) = batch({"plane": file}, tmp_path / "runs", defaults=read_defaults(tmp_path / "defaults.toml"))
+    assert row.outcome is SessionOutcome.MEASURED
+    assert (row.measured_points, row.points) == (2, 2)  # the static one does not count
+    resolved = (tmp_path / "runs" / "plane" / "session.resolved.toml").read_text()
+    assert "scale_limit = 0.2" in resolved
