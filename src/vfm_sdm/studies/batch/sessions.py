@@ -22,7 +22,7 @@ def find_sessions(named: Iterable[Path | str]) -> dict[str, Path]:
     Raises
     ------
     SessionError
-        A pattern matches no file, or two files would have one run folder.
+        There are none, a pattern matches no file, or two files would have one run folder.
 
     Notes
     -----
@@ -36,6 +36,8 @@ def find_sessions(named: Iterable[Path | str]) -> dict[str, Path]:
         if not found:
             raise SessionError(f"{one}: expected session files, got no match; correct the path or pattern")
         files |= {path.resolve(): path for path in found}
+    if not files:
+        raise SessionError("expected session files, got none; name them, or a pattern such as 'sites/*/session.toml'")
     sessions: dict[str, Path] = {}
     taken: dict[str, Path] = {}
     for file in sorted(files.values()):
