@@ -18,6 +18,7 @@ __all__ = [
     "ReadingStatus",
     "RecordingStatus",
     "RefinementStatus",
+    "RevisitStatus",
     "SampleStatus",
     "SessionOutcome",
     "Verdict",
@@ -231,3 +232,19 @@ class SessionOutcome(StrEnum):
     """The input was right, the data did not allow a result."""
     FAILED = "failed"
     """The session or its files cannot be used."""
+
+
+class RevisitStatus(StrEnum):
+    """Whether the change of a point's rest position since an earlier visit is known."""
+
+    OK = "ok"
+    NOT_FOUND = "not found again in two views"
+    """Its place of the earlier visit is not seen again, or one of the visits did not follow it."""
+    LOOK_ALIKE = "several places look alike"
+    """In a view the place that was found is not where the later session has the point."""
+    FEW_STATIC = "fewer than three static points found again"
+    NO_CAMERAS = "one of the visits has no metric cameras"
+    SCALES_DISAGREE = "the scales of the visits disagree"
+    """A length was measured wrong, or a focal length stated too well."""
+    STATIC_MOVED = "static points moved against each other"
+    NOT_CONVERGED = "not converged"

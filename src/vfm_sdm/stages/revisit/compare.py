@@ -1,0 +1,248 @@
+"""Change of rest position of every point since an earlier visit, with its uncertainty."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import CAMERA_AXES, STRUCTURE_AXES
+from vfm_sdm.core.files import write_file
+from vfm_sdm.core.statuses import PointStatus, RevisitStatus
+from vfm_sdm.geometry.rig_views import select_views
+from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
+from vfm_sdm.stages.revisit.adjustment import Adjusted, Sightings, adjust_visits
+from vfm_sdm.stages.revisit.places import find_again
+from vfm_sdm.stages.revisit.visit import Visit, rest_shifts
+
+__all__ = ["Change", "Revisit", "compare_visits", "write_revisit"]
+
+_MM_PER_M = 1e3
+_FEWEST_STATIC = 3
+_LEAST_CHANCE = 1e-3
+_SCALE_STD = 3.0
+_PLACE_STD_PX = 0.02
+"""What registration of pictures that were taken months apart leaves beside noise [px]."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Change of one point's rest position.
+
+    Parameters
+    ----------
+    point
+        Name of the point.
+    status
+        ``ok`` or why there is no value.
+    change_mm, std_mm
+        Change along each axis and its standard deviation [mm]; NaN where there is none.
+    """
+
+    point: str
+    status: RevisitStatus
+    change_mm: tuple[float, float, float] = (float("nan"),) * 3
+    std_mm: tuple[float, float, float] = (float("nan"),) * 3
+
+
+@dataclass(frozen=True)
+class Revisit:
+    """A visit beside an earlier one.
+
+    Parameters
+    ----------
+    baseline
+        Name of the earlier session.
+    axes
+        Names of the axes, those of the earlier visit.
+    static
+        Static points that were found again.
+    changes
+        A line for every other point of both visits.
+    notes
+        What a reader must know.
+    scale_ratio, scale_ratio_std
+        Lengths of the later visit over the same lengths of the earlier one, and standard deviation [1]; NaN where
+        nobody knows.
+    """
+
+    baseline: str
+    axes: tuple[str, ...]
+    static: tuple[str, ...]
+    changes: tuple[Change, ...]
+    notes: tuple[str, ...] = ()
+    scale_ratio: float = float("nan")
+    scale_ratio_std: float = float("nan")
+
+    def as_table(self) -> dict[str, Any]:
+        """As plain tables, for ``summary.json``."""
+        return {**asdict(self), "expanded_mm": {c.point: [COVERAGE_FACTOR * s for s in c.std_mm] for c in self.changes}}
+
+
+def compare_visits(earlier: Visit, later: Visit) -> Revisit:
+    """Change of the rest position of every point that both visits name.
+
+    Parameters
+    ----------
+    earlier, later
+        The two visits. Views and points belong together by their names; static are the points that both call so.
+
+    Notes
+    -----
+    Each place of the earlier visit is found again in the later picture of the same view (`find_again`), and both visits
+    are adjusted together (`adjust_visits`). Where their scales, then free, differ by more than three standard
+    deviations, or the residuals are larger than chance explains, there is no value: a wrong length, a wrong focal
+    length or a static point that moved would look like a settlement.
+    """
+    names, static = _common_points(earlier, later)
+    axes = CAMERA_AXES if earlier.cameras.frame is None else STRUCTURE_AXES
+    found = Revisit(earlier.session.name, axes, (), ())
+    rigs = [visit.cameras.rig for visit in (earlier, later)]
+    views = [] if rigs[0] is None or rigs[1] is None else [v for v in rigs[0].names if v in rigs[1].names]
+    if len(views) < 2 or not all(rig is not None and rig.metric for rig in rigs):
+        return _nothing(found, names, static, RevisitStatus.NO_CAMERAS)
+    seen, status = _see(earlier, later, views, names, static)
+    usable = np.array([one is RevisitStatus.OK for one in status])
+    found = replace(found, static=tuple(n for n, s, u in zip(names, static, usable, strict=True) if s and u))
+    refused = {n: one for n, one in zip(names, status, strict=True) if one is not RevisitStatus.OK}
+    if len(found.static) < _FEWEST_STATIC:
+        return _nothing(found, names, static, RevisitStatus.FEW_STATIC, refused)
+    seen = seen.chosen(usable)
+    free = adjust_visits(seen, free_scale=True)
+    found = replace(
+        found,
+        scale_ratio=float(np.exp(free.log_scale)),
+        scale_ratio_std=float(np.exp(free.log_scale) * free.log_scale_std),
+    )
+    kept = [name for name, one in zip(names, usable, strict=True) if one]
+    if free.chance < _LEAST_CHANCE:
+        found = replace(found, notes=_suspects(seen, kept))
+        return _nothing(found, names, static, RevisitStatus.STATIC_MOVED, refused)
+    if abs(free.log_scale) > _SCALE_STD * free.log_scale_std:
+        return _nothing(found, names, static, RevisitStatus.SCALES_DISAGREE, refused)
+    adjusted = adjust_visits(seen)
+    if not adjusted.converged:
+        return _nothing(found, names, static, RevisitStatus.NOT_CONVERGED, refused)
+    moving = [name for name, one in zip(kept, seen.static, strict=True) if not one]
+    values, std = _along_axes(adjusted, earlier)
+    known = {
+        name: Change(name, RevisitStatus.OK, tuple(value.tolist()), tuple(own.tolist()))
+        for name, value, own in zip(moving, values, std, strict=True)
+    }
+    return replace(
+        found, changes=tuple(known.get(n) or Change(n, refused[n]) for n, s in zip(names, static, strict=True) if not s)
+    )
+
+
+def write_revisit(path: Path, revisit: Revisit) -> Path:
+    """Writes the changes as CSV: a line a point, change and expanded uncertainty (k = 2) along each axis in mm.
+
+    Parameters
+    ----------
+    path
+        The file to make or replace.
+    revisit
+        What was found.
+
+    Raises
+    ------
+    ResultsError
+        The file cannot be written.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["point", "status", *(f"{axis}{part} [mm]" for axis in revisit.axes for part in ("", " U"))])
+    for one in revisit.changes:
+        pairs = zip(one.change_mm, one.std_mm, strict=True)
+        cells = [number for change, std in pairs for number in (change, COVERAGE_FACTOR * std)]
+        writer.writerow([one.point, one.status, *("" if np.isnan(number) else f"{number:.6g}" for number in cells)])
+    return write_file(path, text.getvalue())
+
+
+def _common_points(earlier: Visit, later: Visit) -> tuple[list[str], list[bool]]:
+    """Names of the points of both visits, and which of them are static in both."""
+    before = {point.name: point.static for point in earlier.session.point}
+    common = [point for point in later.session.point if point.name in before]
+    return [point.name for point in common], [point.static and before[point.name] for point in common]
+
+
+def _see(
+    earlier: Visit, later: Visit, views: Sequence[str], names: list[str], static: Sequence[bool]
+) -> tuple[Sightings, list[RevisitStatus]]:
+    """Where both visits see every point at rest, and which points cannot be compared."""
+    count, visits = len(names), (earlier, later)
+    pixels = np.full((2, len(views), count, 2), np.nan)
+    covariance = np.tile(np.eye(2), (2, len(views), count, 1, 1))
+    place_std = np.zeros((len(views), count, 2))
+    alike = np.zeros(count, dtype=np.bool_)
+    rigs = [select_views(rig, views) for visit in visits if (rig := visit.cameras.rig) is not None]
+    for number, view in enumerate(views):
+        places, named = (_places(visit, view, names) for visit in visits)
+        found, own, status = find_again(
+            (earlier.frames[view], later.frames[view]),
+            (rigs[0].cameras[number], rigs[1].cameras[number]),
+            places,
+            named,
+            subset_px=later.session.method.usual_subset_px,
+        )
+        alike |= np.array([one == PointStatus.AMBIGUOUS for one in status], dtype=np.bool_)
+        shifts = [rest_shifts(visit, view, names) for visit in visits]
+        here = np.stack([places + shifts[0][0], found + shifts[1][0]])
+        noise = np.stack([own / 2 + one[1] for one in shifts]) + _PLACE_STD_PX**2 / 2 * np.eye(2)
+        both = np.isfinite(here).all(axis=(0, 2)) & np.isfinite(noise).all(axis=(0, 2, 3))
+        pixels[:, number, both], covariance[:, number, both] = here[:, both], noise[:, both]
+        std = earlier.cameras.points["position_std"].sel(view=view, point=names).values
+        place_std[number] = np.nan_to_num(std)
+    enough = np.isfinite(pixels).all(axis=(0, 3)).sum(axis=0) >= 2
+    missing = [RevisitStatus.LOOK_ALIKE if one else RevisitStatus.NOT_FOUND for one in alike]
+    reasons = [RevisitStatus.OK if one else other for one, other in zip(enough, missing, strict=True)]
+    return Sightings((rigs[0], rigs[1]), pixels, covariance, place_std, np.array(static, dtype=np.bool_)), reasons
+
+
+def _places(visit: Visit, view: str, names: list[str]) -> FloatArray:
+    """Places of points in a view's first frame, shape (P, 2) [px]; NaN where there is none."""
+    points = visit.cameras.points.sel(view=view, point=names)
+    good = points["status"].values == PointStatus.OK
+    return np.where(good[:, None], points["position"].transpose("point", "pixel").values, np.nan)
+
+
+def _suspects(seen: Sightings, names: Sequence[str]) -> tuple[str, ...]:
+    """Which static point, left out, lets the others agree; nothing where none does."""
+    rows = np.flatnonzero(seen.static)
+    if len(rows) <= _FEWEST_STATIC:
+        return ("with a fourth static point the one that moved could be told",)
+    chances = [adjust_visits(seen.chosen(np.arange(len(names)) != row), free_scale=True).chance for row in rows]
+    best = int(np.argmax(chances))
+    if chances[best] < _LEAST_CHANCE:
+        return ("no single static point explains it",)
+    return (f"without {names[rows[best]]!r} the others agree; check whether it stands still, or name it not static",)
+
+
+def _along_axes(adjusted: Adjusted, earlier: Visit) -> tuple[FloatArray, FloatArray]:
+    """Changes and their standard deviations along the earlier visit's axes, shape (M, 3) each [mm]."""
+    frame = earlier.cameras.frame
+    rotation = np.eye(3) if frame is None else frame.rotation
+    change = adjusted.change @ rotation.T
+    covariance = rotation @ adjusted.covariance @ rotation.T
+    if frame is not None:
+        # An error w of the axes turns a change d into d + w x d.
+        turned = np.cross(np.eye(3)[None], change[:, None])
+        covariance = covariance + np.einsum("pwa,wv,pvb->pab", turned, frame.covariance, turned)
+    return _MM_PER_M * change, _MM_PER_M * np.sqrt(np.einsum("pii->pi", covariance))
+
+
+def _nothing(
+    found: Revisit,
+    names: Sequence[str],
+    static: Sequence[bool],
+    status: RevisitStatus,
+    refused: Mapping[str, RevisitStatus] | None = None,
+) -> Revisit:
+    """The result without values, for one reason for all points that have none of their own."""
+    reasons = refused or {}
+    changes = tuple(Change(n, reasons.get(n, status)) for n, s in zip(names, static, strict=True) if not s)
+    return replace(found, changes=changes)
