@@ -16,7 +16,6 @@ from scenes import write_scene
 from vfm_sdm.commands import batch as command_module
 from vfm_sdm.core.statuses import SessionOutcome
 from vfm_sdm.studies.batch import BatchRow
-from vfm_sdm.studies.batch import run as batch_module
 
 
 @pytest.fixture
@@ -25,16 +24,6 @@ def plain(monkeypatch):
     wide = {"width": 10_000, "force_terminal": False, "color_system": None, "markup": False}
     monkeypatch.setattr(command_module, "_out", Console(**wide))
     monkeypatch.setattr(command_module, "_err", Console(stderr=True, **wide))
-
-
-@pytest.fixture
-def here(monkeypatch):
-    """Sessions are measured in this process, one after another: no new interpreter each."""
-
-    def without_executor(*arguments, **options):
-        return batch_module.batch(*arguments, **{**options, "executor": None})
-
-    monkeypatch.setattr(command_module, "batch", without_executor)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +38,7 @@ def sites(tmp_path_factory):
     return folder
 
 
-def test_ten_sessions_with_one_broken(plain, here, command, sites, tmp_path):
+def test_ten_sessions_with_one_broken(plain, command, sites, tmp_path):
     runs = tmp_path / "runs"
     status, out, err = command("batch", f"{sites}/*/session.toml", "-o", runs)
     assert status == 1
@@ -79,7 +68,14 @@ def test_ten_sessions_with_one_broken(plain, here, command, sites, tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL on Windows")
 def test_a_killed_batch_goes_on(sites, tmp_path):
     names = ("bridge 0", "bridge 1", "bridge 2")
-    words = [*(str(sites / name / "session.toml") for name in names), "-o", str(tmp_path / "runs"), "--json"]
+    words = [
+        *(str(sites / name / "session.toml") for name in names),
+        "-o",
+        str(tmp_path / "runs"),
+        "--json",
+        "--workers",
+        "1",
+    ]
     line = [sys.executable, "-m", "vfm_sdm", "batch", *words]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     tracks = tmp_path / "runs" / "bridge 1" / "tracks.nc"
@@ -160,4 +156,4 @@ def test_misuse(plain, command, tmp_path):
     (tmp_path / "s.toml").touch()
     status, _, err = command("batch", tmp_path / "s.toml", "-o", tmp_path, "--defaults", tmp_path / "none.toml")
     assert (status, "expected a file of defaults" in err) == (1, True)
-    assert command("batch", tmp_path / "s.toml", "-o", tmp_path, "--workers", "0")[0] != 0
+    assert command("batch", tmp_path / "s.toml", "-o", tmp_path, "--workers", "-1")[0] == 1

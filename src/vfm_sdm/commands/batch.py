@@ -9,16 +9,16 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
-from cyclopts.validators import Number
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from vfm_sdm.commands.options import WorkerOptions
 from vfm_sdm.commands.progress import show_progress
 from vfm_sdm.core.statuses import SessionOutcome, Verdict
 from vfm_sdm.inputs.session import read_defaults
-from vfm_sdm.studies.batch import BatchRow, OneProcessEach, batch, find_sessions
+from vfm_sdm.studies.batch import BatchRow, batch, find_sessions
 
 __all__ = ["batch_command"]
 
@@ -26,6 +26,7 @@ _STATUS = {SessionOutcome.FAILED: 1, SessionOutcome.NO_RESULT: 3}
 """Exit status for the worst that became of a session, that first."""
 _STYLE = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.NOT_JUDGED: "yellow"}
 
+_WORKERS = WorkerOptions()
 _out = Console(markup=False)
 _err = Console(stderr=True, markup=False)
 
@@ -34,8 +35,8 @@ def batch_command(
     *sessions: Annotated[str, Parameter(help="Session files, or patterns in quotes: 'sites/*/session.toml'.")],
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="Folder of the run folders, one a session.")],
     defaults: Annotated[Path | None, Parameter(help="TOML file of what the sessions need not say themselves.")] = None,
-    workers: Annotated[int, Parameter(validator=Number(gte=1), help="Sessions at a time, a process each.")] = 1,
     as_json: Annotated[bool, Parameter(name="--json", negative="", help="Print the table as JSON alone.")] = False,
+    work: WorkerOptions = _WORKERS,
 ) -> None:
     """Measure many sessions, each into a run folder of its own; a table at the end, also in batch.csv.
 
@@ -45,7 +46,7 @@ def batch_command(
     found = find_sessions(sessions)
     common = None if defaults is None else read_defaults(defaults)
     done = 0
-    with show_progress() as progress, OneProcessEach(workers) as executor:
+    with show_progress() as progress, work.executor() as executor:
 
         def report(row: BatchRow) -> None:
             nonlocal done

@@ -57,10 +57,10 @@ class ClockOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class WorkerOptions:
-    """Options of who tracks the segments of recordings."""
+    """Options of who works: on the segments of recordings, or, in a batch, on whole sessions."""
 
     workers: Annotated[
-        int, Parameter(help="Processes of this machine that track segments of the recordings; 0 is this one.")
+        int, Parameter(help="Processes of this machine for segments of recordings, or sessions; 0 is this one.")
     ] = 0
     scheduler: Annotated[
         str | None, Parameter(help="Address of a Dask scheduler whose workers do it, such as tcp://10.0.0.1:8786.")

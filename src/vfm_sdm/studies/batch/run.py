@@ -2,9 +2,11 @@
 
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor
+from dataclasses import dataclass
 from pathlib import Path
 
+from vfm_sdm.core.executors import run_tasks
 from vfm_sdm.core.statuses import SessionOutcome
 from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.inputs.session import Defaults, read_session
@@ -38,8 +40,7 @@ def batch(
     defaults
         What the files need not say.
     executor
-        Who measures a session, such as `vfm_sdm.studies.batch.OneProcessEach`; one after another in this process for
-        ``None``.
+        Who measures a session: processes, or a cluster; one after another in this process when ``None``.
     report
         Called with the line of each session when it is done.
 
@@ -54,44 +55,52 @@ def batch(
         The table cannot be written.
     """
     target = Path(folder)
-    pool = ThreadPoolExecutor(1) if executor is None else executor
     write_rows(target / _TABLE, [])  # before any work is done: a table that cannot be written is known now
-    begun = {
-        pool.submit(_measure_one, name, file, target / name, defaults): (name, file) for name, file in sessions.items()
-    }
-    rows: dict[str, BatchRow] = {}
-    try:
-        for future in as_completed(begun):
-            name, file = begun[future]
-            rows[name] = _row_of(future, name, file)
-            write_rows(target / _TABLE, [rows[one] for one in sessions if one in rows])
-            if report is not None:
-                report(rows[name])
-    finally:
-        for future in begun:
-            future.cancel()
-        if executor is None:
-            pool.shutdown()
-    return [rows[name] for name in sessions]
+    # Workers may have another working directory.
+    tasks = [_Task(name, file, file.absolute(), target.absolute() / name, defaults) for name, file in sessions.items()]
+    rows: dict[int, BatchRow] = {}
+
+    def done(number: int, row: BatchRow) -> None:
+        rows[number] = row
+        write_rows(target / _TABLE, [rows[one] for one in sorted(rows)])
+        if report is not None:
+            report(row)
+
+    for number, error in run_tasks(_measure_one, tasks, executor, done).items():
+        done(number, _failed(tasks[number], _explain(error)))
+    return [rows[one] for one in sorted(rows)]
 
 
-def _measure_one(name: str, file: Path, run: Path, defaults: Defaults | None) -> BatchRow:
+@dataclass(frozen=True)
+class _Task:
+    """A session with its place: what it is called, its file as named and as found from anywhere, and its run folder."""
+
+    name: str
+    named: Path
+    file: Path
+    run: Path
+    defaults: Defaults | None
+
+
+def _measure_one(task: _Task) -> BatchRow:
+    """The line of a session. An error on purpose is its result: to try again would not help."""
     begin = time.perf_counter()
-    measurement = measure(read_session(file, defaults=defaults), run)
-    return describe_run(name, file, measurement, time.perf_counter() - begin)
+    try:
+        measurement = measure(read_session(task.file, defaults=task.defaults), task.run)
+    except VfmSdmError as error:
+        return _failed(task, "; ".join(line.strip() for line in str(error).splitlines()))
+    return describe_run(task.name, task.named, measurement, time.perf_counter() - begin)
 
 
-def _row_of(future: Future[BatchRow], name: str, file: Path) -> BatchRow:
-    """The line of a session that is done, one way or another."""
-    error = future.exception()
-    if error is None:
-        return future.result()
-    said = "; ".join(line.strip() for line in str(error).splitlines())
+def _failed(task: _Task, reason: str) -> BatchRow:
+    return BatchRow(task.name, str(task.named), SessionOutcome.FAILED, reason=reason)
+
+
+def _explain(error: Exception) -> str:
+    """Words for what nobody foresaw."""
     if isinstance(error, BrokenExecutor):
-        said = (
+        return (
             "expected its process to end by itself, got it killed or out of memory; run the batch again, which goes on "
             "where it was"
         )
-    elif not isinstance(error, VfmSdmError):
-        said = f"{type(error).__name__}: {said}; measure it alone to see where"
-    return BatchRow(name, str(file), SessionOutcome.FAILED, reason=said)
+    return f"{type(error).__name__}: {' '.join(str(error).split())}; measure it alone to see where"

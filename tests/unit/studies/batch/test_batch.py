@@ -1,21 +1,19 @@
-"""Batches: names of run folders, calls in processes of their own, and a line for whatever becomes of a session."""
+"""Batches: names of run folders, and a line for whatever becomes of a session."""
 
 import csv
 import os
 import signal
-import subprocess
-import sys
-import time
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 import pytest
 
 from scenes import write_scene
+from vfm_sdm.core.executors import ProcessWorkers
 from vfm_sdm.core.statuses import SessionOutcome
 from vfm_sdm.errors import ResultsError, SessionError
 from vfm_sdm.inputs.session import read_defaults
-from vfm_sdm.studies.batch import BatchRow, OneProcessEach, batch, find_sessions, write_rows
+from vfm_sdm.studies.batch import BatchRow, batch, find_sessions, write_rows
 from vfm_sdm.studies.batch import run as module
 
 
@@ -64,67 +62,25 @@ def test_rows_as_csv(tmp_path):
     assert (second["uncertainty_mm"], second["reason"]) == ("", "wrong, in two ways")
 
 
-def die(name, file, run, defaults):
-    if name == "dies":
+def die(task):
+    if task.name == "dies":
         os.kill(os.getpid(), signal.SIGKILL)
-    return BatchRow(name, str(file), SessionOutcome.MEASURED, str(os.getpid()))
+    return BatchRow(task.name, str(task.file), SessionOutcome.MEASURED, str(os.getpid()))
 
 
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL on Windows")
 def test_a_process_that_dies_takes_no_other_along(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_measure_one", die)
     reported = []
-    with OneProcessEach(2) as executor:
+    with ProcessWorkers(2) as executor:
         sessions = dict.fromkeys(("one", "dies", "two"), Path("s.toml"))
         rows = batch(sessions, tmp_path, executor=executor, report=reported.append)
     assert [row.session for row in rows] == ["one", "dies", "two"]
     assert [row.outcome for row in rows] == [SessionOutcome.MEASURED, SessionOutcome.FAILED, SessionOutcome.MEASURED]
-    assert len({str(os.getpid()), rows[0].verdict, rows[2].verdict}) == 3
+    assert str(os.getpid()) not in (rows[0].verdict, rows[2].verdict)
+    assert rows[0].file == str(Path("s.toml").absolute())
     assert "got it killed or out of memory; run the batch again" in rows[1].reason
     assert sorted(row.session for row in reported) == ["dies", "one", "two"]
-
-
-ORPHAN = """
-import sys, time
-from pathlib import Path
-sys.path.insert(0, {tests!r})
-from test_batch import tell_and_wait
-from vfm_sdm.studies.batch import OneProcessEach
-if __name__ == "__main__":
-    with OneProcessEach(1) as executor:
-        executor.submit(tell_and_wait, Path({told!r})).result()
-"""
-
-
-def tell_and_wait(told):
-    told.write_text(str(os.getpid()))
-    time.sleep(300)
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows tells otherwise whether a process lives")
-def test_processes_end_with_the_one_that_made_them(tmp_path):
-    script, told = tmp_path / "script.py", tmp_path / "pid"
-    script.write_text(ORPHAN.format(tests=str(Path(__file__).parent), told=str(told)))
-    with subprocess.Popen([sys.executable, script], env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}) as one:
-        wait_until(lambda: told.exists() and told.read_text())
-        one.kill()
-    wait_until(lambda: not lives(int(told.read_text())))
-
-
-def lives(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    # One that ended and that nobody has asked for yet counts as gone.
-    status = Path(f"/proc/{pid}/stat")
-    return not status.exists() or status.read_text().rsplit(")", 1)[1].split()[0] != "Z"
-
-
-def wait_until(condition, at_most_s=60):
-    end = time.monotonic() + at_most_s
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 def test_whatever_goes_wrong_is_one_line(tmp_path, monkeypatch):
@@ -133,11 +89,12 @@ def test_whatever_goes_wrong_is_one_line(tmp_path, monkeypatch):
         "bug": KeyError("x"),
         "pool": BrokenExecutor("gone"),
     }
+    monkeypatch.setattr(module, "read_session", lambda file, **_: file.name)
 
-    def fail(name, file, run, defaults):
-        raise errors[name]
+    def fail(session, run):
+        raise errors[run.name]
 
-    monkeypatch.setattr(module, "_measure_one", fail)
+    monkeypatch.setattr(module, "measure", fail)
     rows = batch(dict.fromkeys(errors, Path("s.toml")), tmp_path)
     assert [row.reason for row in rows[:2]] == [
         "s.toml: 2 faults; a: wrong; b: wrong",
@@ -150,10 +107,9 @@ def test_whatever_goes_wrong_is_one_line(tmp_path, monkeypatch):
 def test_an_interruption_leaves_a_table_and_begins_nothing_more(tmp_path, monkeypatch):
     begun = []
 
-    def note(name, file, run, defaults):
-        begun.append(name)
-        time.sleep(0.2)
-        return BatchRow(name, str(file), SessionOutcome.MEASURED)
+    def note(task):
+        begun.append(task.name)
+        return BatchRow(task.name, str(task.file), SessionOutcome.MEASURED)
 
     def interrupt(row):
         raise KeyboardInterrupt
@@ -161,14 +117,14 @@ def test_an_interruption_leaves_a_table_and_begins_nothing_more(tmp_path, monkey
     monkeypatch.setattr(module, "_measure_one", note)
     with pytest.raises(KeyboardInterrupt):
         batch(dict.fromkeys("abcdef", Path("s.toml")), tmp_path, report=interrupt)
-    assert len(begun) <= 2
+    assert begun == ["a"]
     assert (tmp_path / "batch.csv").read_text().splitlines()[1].startswith("a,")
 
 
 def test_a_table_that_cannot_be_written_is_known_before_any_work(tmp_path):
     (tmp_path / "batch.csv").mkdir()
-    with ThreadPoolExecutor(1) as executor, pytest.raises(ResultsError, match=r"batch.csv: expected to write it"):
-        batch({"a": Path("s.toml")}, tmp_path, executor=executor)
+    with pytest.raises(ResultsError, match=r"batch.csv: expected to write it"):
+        batch({"a": Path("s.toml")}, tmp_path)
     assert not (tmp_path / "a").exists()
 
 
