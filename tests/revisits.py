@@ -1,13 +1,11 @@
-"""A footbridge filmed twice: months later the cameras stand elsewhere, are zoomed otherwise, and the span has settled."""
+"""A footbridge filmed twice: later the cameras stand elsewhere and zoom otherwise, and the span has settled."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
-from vfm_sdm.studies.synthetic.field_test import demo_plan, make_field_test
-from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite, Standpoint
+from vfm_sdm.studies.synthetic.field_test import demo_plan
+from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
 from vfm_sdm.studies.synthetic.motion import compute_station
 from vfm_sdm.studies.synthetic.plan import Preset, SitePoint
 from vfm_sdm.studies.synthetic.scene import Scene

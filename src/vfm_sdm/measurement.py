@@ -33,7 +33,7 @@ from vfm_sdm.inputs.session import (
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.outputs.plots import save_figures
 from vfm_sdm.outputs.results import describe_measurement
-from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, TRACKS
+from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, REVISIT, TRACKS
 from vfm_sdm.stages.audit import Audit, AuditInputs, audit
 from vfm_sdm.stages.camera_motion import CameraMotion, steady_tracks
 from vfm_sdm.stages.cameras.solution import CameraSolution
@@ -43,6 +43,7 @@ from vfm_sdm.stages.displacement.origin import include_origin
 from vfm_sdm.stages.displacement.result import add_facts, state_uncertainty
 from vfm_sdm.stages.displacement.stereo import compute_displacement
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
+from vfm_sdm.stages.revisit import Revisit, Visit, compare_to_baseline
 from vfm_sdm.stages.synchronize import synchronize_tracks
 from vfm_sdm.stages.tracking.base import DesignedTracker
 from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
@@ -216,11 +217,6 @@ class Measurement(SessionChain):
         """Structural geometry refinement of the tracks; ``None`` where it was not asked for."""
         if session.method.refinement == "none" or self.cameras.rig is None:
             return None
-        if self.cameras.frame is None:
-            raise DatasetError(
-                "refinement: expected the structure's axes, got none; measure perpendicular_distance and "
-                'longitudinal_distance, or set method.refinement = "none"'
-            )
         settings, still = sgr_settings(session.method.sgr), session.method.still_interval_s
         return refine(self.aligned, self.cameras.rig, self.cameras.frame, settings=settings, still_interval_s=still)
 
@@ -290,6 +286,15 @@ class Measurement(SessionChain):
         )
         return audit(inputs)
 
+    @product(
+        reads=("baseline_visit", "point.name", "point.static", "method.subset_px", "method.still_interval_s"),
+        needs=("frames", "cameras", "tracks", "displacement"),
+        kept=REVISIT,
+    )
+    def revisit(self, session: Session) -> Revisit | None:
+        """Change of rest positions since the visit that the session names; ``None`` where it names none."""
+        return compare_to_baseline(Visit(session, self.frames, self.cameras, self.tracks, self.displacement))
+
     @product(needs=("frames", "cameras", "points", "tracks", "displacement", "audit"))
     def figures(self, session: Session) -> list[Path]:
         """Paths of the pictures of the run, in ``figures/``; none without a folder or displacement."""
@@ -299,11 +304,12 @@ class Measurement(SessionChain):
         places = {str(v): self.points["position"].sel(view=v).values for v in self.points["view"].values}
         return save_figures(self.folder, self.tracks, self.displacement, self.frames, places, audit=self.audit)
 
-    @product(reads=("*",), needs=("cameras", "tracks", "displacement", "audit"))
+    @product(reads=("*",), needs=("cameras", "tracks", "displacement", "audit", "revisit"))
     def summary(self, session: Session) -> dict[str, Any]:
         """Everything a reviewer asks for, written to ``summary.json``."""
         summary = describe_measurement(self.cameras, self.tracks, self.displacement, self.audit) | {
             "name": session.name,
+            "revisit": None if self.revisit is None else self.revisit.as_table(),
             "seconds": self.rounded_seconds(),
             "reused_stages": list(self.reused),
             "versions": package_versions(),
@@ -411,20 +417,15 @@ def measure(
     folder
         Run folder to write to; finished stages in it are reused unless their inputs changed. ``None`` keeps the
         results in memory only.
-    progress
-        Called with what is being done.
-    whole_files
-        Whether large input files are hashed as a whole, see `Measurement`.
-    executor
-        Who tracks the segments of the recordings, see `Measurement`.
+    progress, whole_files, executor
+        As of `Measurement`.
     forecast
         Called with what the named points should measure (`Measurement.expectation`), before anything else is done.
 
     Returns
     -------
     measurement
-        With all its products made: ``cameras``, ``tracks``, ``displacement`` (``None`` where no cameras could be
-        found; ``cameras.status`` says why), ``audit`` (``None`` where there is no displacement), ``summary``, ...
+        With all its products made; ``displacement`` and ``audit`` are ``None`` where ``cameras.status`` says why.
 
     Raises
     ------

@@ -45,6 +45,7 @@ READERS = {
     "point.static": ("cameras", "steady", "aligned", "audit"),
     "point.pixel_in": ("expectation", "cameras", "points", "audit"),
     "sensor": (),
+    "baseline_visit": ("revisit",),
     "chessboard": ("cameras",),
     "method.tracker": ("expectation", "subsets", "tracks", "displacement", "audit"),
     "method.cameras": ("cameras", "displacement", "audit"),
@@ -74,7 +75,6 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", solution_of)
     monkeypatch.setattr(Measurement, "part_of", lambda self, kind: {})
     monkeypatch.setattr(Measurement, "part", lambda self, kind: None)
-    (tmp_path / "left").mkdir()
     for name in (
         "left/000.png",
         "left/001.png",
@@ -85,7 +85,9 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
         "other.toml",
         "lens.toml",
         "third.mp4",
+        "visit/cameras.toml",
     ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(name.encode() * 8)
     level = {"pitch_deg": 0.0, "roll_deg": 0.0, "std_deg": 0.1}
     return Session(
@@ -115,6 +117,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
             {"name": "end", "view": "left", "pixel": [200.0, 80.0], "static": True},
         ],
         sensor=[{"name": "acc", "file": "corners.csv", "point": "mid", "columns": {"time": "t"}, "units": "g"}],
+        baseline_visit="visit",
         chessboard={"pattern": [7, 5], "square_mm": 30.0, "images": {"left": "board.png"}},
         method={"still_interval_s": [0.0, 1.0], "matching": "sift"},
     )

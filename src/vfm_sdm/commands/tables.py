@@ -12,7 +12,7 @@ from rich.text import Text
 
 from vfm_sdm.analysis.evaluation import Evaluation, EvaluationRow
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
-from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, Verdict
+from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, RevisitStatus, Verdict
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
@@ -21,6 +21,7 @@ from vfm_sdm.stages.audit import Audit
 from vfm_sdm.stages.audit.scale_budget import ScaleBudget, say_percent
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
+from vfm_sdm.stages.revisit import Revisit
 
 if TYPE_CHECKING:
     from vfm_sdm.studies.protocol import Benchmark
@@ -36,6 +37,7 @@ __all__ = [
     "expectation_table",
     "measurement_report",
     "reference_table",
+    "revisit_table",
     "track_table",
     "weights_table",
 ]
@@ -74,6 +76,8 @@ def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
                 "measure site.perpendicular_distance and site.longitudinal_distance.",
                 style="yellow",
             )
+    if measurement.revisit is not None:
+        yield revisit_table(measurement.revisit)
     for note in measurement.summary["notes"]:
         yield Text(f"note: {note}", style="yellow")
     reused = measurement.summary["reused_stages"]
@@ -141,6 +145,32 @@ def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[R
     if notes:
         for note in solution.notes:
             yield Text(f"note: {note}", style="yellow")
+
+
+def revisit_table(revisit: Revisit) -> Table:
+    """Change of rest position of each point with its expanded uncertainty (k = 2), or why there is none."""
+    title = f"Change of rest position since {revisit.baseline!r} in mm, +- k=2"
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    _add_name_column(table, "point", [one.point for one in revisit.changes])
+    for axis in revisit.axes:
+        table.add_column(Text(axis), justify="right", overflow="fold")
+    table.add_column(Text(""), overflow="fold")
+    for one in revisit.changes:
+        ok = one.status is RevisitStatus.OK
+        pairs = zip(one.change_mm, one.std_mm, strict=True)
+        cells = [f"{change:.2f} +- {COVERAGE_FACTOR * std:.2f}" if ok else "-" for change, std in pairs]
+        table.add_row(Text(one.point), *cells, Text("" if ok else str(one.status), style="red"))
+    table.caption, table.caption_justify = Text("\n".join(_explain_revisit(revisit))), "left"
+    return table
+
+
+def _explain_revisit(revisit: Revisit) -> Iterator[str]:
+    """What the change is relative to, whether the scales agree, and notes."""
+    yield f"relative to the static points {', '.join(revisit.static) or '(none)'}"
+    if np.isfinite(revisit.scale_ratio):
+        std = 100 * COVERAGE_FACTOR * revisit.scale_ratio_std
+        yield f"scale of this visit over that one: {100 * revisit.scale_ratio:.2f} +- {std:.2f} %"
+    yield from revisit.notes
 
 
 def expectation_table(expected: Mapping[str, xr.Dataset]) -> Table:

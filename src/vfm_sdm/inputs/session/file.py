@@ -99,6 +99,8 @@ def _path_entries(session: Session, fields: dict[str, Any]) -> Iterator[tuple[di
     """Every table of a dumped session that holds a path or pattern, with its key."""
     for name, table in session.method.tables.items():
         yield from ((fields["method"][name], key) for key in table_paths(table))
+    if "baseline_visit" in fields:
+        yield fields, "baseline_visit"
     yield from ((view["lens"], "file") for view in fields["view"] if "file" in view.get("lens", {}))
     for table in (*fields["view"], *fields["sensor"], fields.get("chessboard", {})):
         for key in ("video", "images", "camera", "file", "corners"):
@@ -138,6 +140,9 @@ def _missing_files(session: Session) -> Iterator[str]:
         files.append(("chessboard.corners", session.chessboard.corners))
         images = session.chessboard.images or {}
         patterns += [(f"chessboard.images.{view}", pattern) for view, pattern in images.items()]
+    visit = session.baseline_visit
+    if visit is not None and not session.resolve(visit).is_dir():
+        yield f"baseline_visit: expected the run folder of an earlier visit at {visit}, got none; correct the path"
     for label, file in files:
         if file is not None and not session.resolve(file).is_file():
             found = "a folder" if session.resolve(file).is_dir() else "no such file"

@@ -152,6 +152,8 @@ class Session(Entry):
     sensor: tuple[Sensor, ...] = ()
     method: Method = Method()
     chessboard: Chessboard | None = None
+    baseline_visit: _PathField | None = None
+    """Run folder of an earlier visit to the same structure, since which rest positions may have changed."""
     folder: Path = Field(default=Path(), exclude=True)
     """Where relative paths start: the folder of the session's file. Not written to it."""
 

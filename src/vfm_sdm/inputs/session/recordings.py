@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray, LumaArray
+from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session, View
@@ -26,6 +27,8 @@ __all__ = [
 ]
 
 
+_OF_VISIT = (SESSION, "cameras.toml", "tracks.nc", "displacement.nc")
+"""Files of an earlier visit that are read."""
 _OPENING = 16
 """Frames that are averaged at most: a quarter of the noise."""
 _BLOCK_PX = 16
@@ -231,10 +234,18 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
         yield str(board.corners), session.resolve(board.corners)
     for name, pattern in (board.images or {} if board is not None else {}).items():
         yield from _pattern_files(session, f"chessboard {name}", pattern)
+    yield from _visit_files(session)
     for name, table in session.method.tables.items():
         for key, path in table_paths(table).items():
             if session.resolve(path).is_file():
                 yield f"method.{name}.{key}", session.resolve(path)
+
+
+def _visit_files(session: Session) -> Iterator[tuple[str, Path]]:
+    """Files of an earlier visit, where the session names one."""
+    if session.baseline_visit is not None:
+        paths = (session.resolve(session.baseline_visit) / name for name in _OF_VISIT)
+        yield from ((f"baseline_visit {path.name}", path) for path in paths if path.is_file())
 
 
 def _pattern_files(session: Session, label: str, pattern: str) -> Iterator[tuple[str, Path]]:

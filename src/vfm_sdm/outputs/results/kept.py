@@ -10,10 +10,11 @@ from vfm_sdm.core.products import Kept
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.outputs.results.exports import write_displacement
 from vfm_sdm.stages.cameras.solution import CameraSolution, read_solution, write_solution
+from vfm_sdm.stages.revisit import Revisit, write_revisit
 from vfm_sdm.stages.tracking.injection.views import read_injection, write_injection
 from vfm_sdm.stages.tracking.views import is_whole
 
-__all__ = ["CAMERAS", "DISPLACEMENT", "INJECTION", "POINTS", "TRACKS"]
+__all__ = ["CAMERAS", "DISPLACEMENT", "INJECTION", "POINTS", "REVISIT", "TRACKS"]
 
 
 def _read_tracks(path: Path) -> tuple[dict[str, xr.Dataset], str]:
@@ -38,8 +39,14 @@ def _write_displacement(path: Path, displacement: xr.Dataset, marks: Mapping[str
     write_displacement(path.parent, displacement.assign_attrs(marks, versions=package_versions()))
 
 
+def _write_revisit(path: Path, revisit: Revisit, marks: Mapping[str, str]) -> None:
+    del marks  # it stands in summary.json, too
+    write_revisit(path, revisit)
+
+
 CAMERAS: Kept[CameraSolution] = Kept("cameras.toml", read_solution, _write_cameras)
 POINTS: Kept[xr.Dataset] = Kept("points.nc", None, _write_points)
 TRACKS: Kept[dict[str, xr.Dataset]] = Kept("tracks.nc", _read_tracks, _write_tracks, whole=is_whole)
 INJECTION: Kept[xr.Dataset] = Kept("injection.nc", read_injection, write_injection)
 DISPLACEMENT: Kept[xr.Dataset] = Kept("displacement.nc", None, _write_displacement, beside=("displacement.csv",))
+REVISIT: Kept[Revisit] = Kept("revisit.csv", None, _write_revisit)

@@ -30,7 +30,7 @@ _CHUNK = 32768
 def refine(
     tracks: xr.Dataset,
     rig: Rig,
-    frame: StructureFrame,
+    frame: StructureFrame | None,
     *,
     settings: SgrSettings | None = None,
     still_interval_s: tuple[float, float] | None = None,
@@ -44,7 +44,7 @@ def refine(
     rig
         Their cameras; they stay fixed.
     frame
-        The structure's axes in the reference camera's frame.
+        The structure's axes in the reference camera's frame; without them there is no axis to suppress.
     settings
         Weights, suppressed axis and choice of the view; the paper's by default.
     still_interval_s
@@ -54,8 +54,8 @@ def refine(
     Raises
     ------
     DatasetError
-        The tracks are not synchronised, have a single view or others than the rig's, the uncertain view is none of
-        them, or no frame lies in the still interval.
+        There are no axes, the tracks are not synchronised, have a single view or others than the rig's, the uncertain
+        view is none of them, or no frame lies in the still interval.
 
     Notes
     -----
@@ -96,6 +96,11 @@ def refine(
     >>> refinement.status, refinement.uncertain_view
     (('ok',), ('right',))
     """
+    if frame is None:
+        raise DatasetError(
+            "refinement: expected the structure's axes, got none; measure perpendicular_distance and "
+            'longitudinal_distance, or set method.refinement = "none"'
+        )
     chosen = settings or SgrSettings()
     names = _check_views(tracks, rig)
     time_s = tracks.variables["time"].values

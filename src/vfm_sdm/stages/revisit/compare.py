@@ -1,25 +1,20 @@
 """Change of rest position of every point since an earlier visit, with its uncertainty."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import CAMERA_AXES, STRUCTURE_AXES
-from vfm_sdm.core.files import write_file
 from vfm_sdm.core.statuses import PointStatus, RevisitStatus
 from vfm_sdm.geometry.rig_views import select_views
-from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 from vfm_sdm.stages.revisit.adjustment import Adjusted, Sightings, adjust_visits
 from vfm_sdm.stages.revisit.places import find_again
-from vfm_sdm.stages.revisit.visit import Visit, rest_shifts
+from vfm_sdm.stages.revisit.result import Change, Revisit
+from vfm_sdm.stages.revisit.visit import Visit, read_visit, rest_shifts
 
-__all__ = ["Change", "Revisit", "compare_visits", "write_revisit"]
+__all__ = ["compare_to_baseline", "compare_visits"]
 
 _MM_PER_M = 1e3
 _FEWEST_STATIC = 3
@@ -29,58 +24,21 @@ _PLACE_STD_PX = 0.02
 """What registration of pictures that were taken months apart leaves beside noise [px]."""
 
 
-@dataclass(frozen=True)
-class Change:
-    """Change of one point's rest position.
+def compare_to_baseline(later: Visit) -> Revisit | None:
+    """Change since the visit that the session of a visit names; ``None`` where it names none.
 
     Parameters
     ----------
-    point
-        Name of the point.
-    status
-        ``ok`` or why there is no value.
-    change_mm, std_mm
-        Change along each axis and its standard deviation [mm]; NaN where there is none.
+    later
+        The visit.
+
+    Raises
+    ------
+    SessionError
+        The earlier visit is not whole, or its recordings are not where they were.
     """
-
-    point: str
-    status: RevisitStatus
-    change_mm: tuple[float, float, float] = (float("nan"),) * 3
-    std_mm: tuple[float, float, float] = (float("nan"),) * 3
-
-
-@dataclass(frozen=True)
-class Revisit:
-    """A visit beside an earlier one.
-
-    Parameters
-    ----------
-    baseline
-        Name of the earlier session.
-    axes
-        Names of the axes, those of the earlier visit.
-    static
-        Static points that were found again.
-    changes
-        A line for every other point of both visits.
-    notes
-        What a reader must know.
-    scale_ratio, scale_ratio_std
-        Lengths of the later visit over the same lengths of the earlier one, and standard deviation [1]; NaN where
-        nobody knows.
-    """
-
-    baseline: str
-    axes: tuple[str, ...]
-    static: tuple[str, ...]
-    changes: tuple[Change, ...]
-    notes: tuple[str, ...] = ()
-    scale_ratio: float = float("nan")
-    scale_ratio_std: float = float("nan")
-
-    def as_table(self) -> dict[str, Any]:
-        """As plain tables, for ``summary.json``."""
-        return {**asdict(self), "expanded_mm": {c.point: [COVERAGE_FACTOR * s for s in c.std_mm] for c in self.changes}}
+    baseline = later.session.baseline_visit
+    return None if baseline is None else compare_visits(read_visit(later.session.resolve(baseline)), later)
 
 
 def compare_visits(earlier: Visit, later: Visit) -> Revisit:
@@ -136,31 +94,6 @@ def compare_visits(earlier: Visit, later: Visit) -> Revisit:
     return replace(
         found, changes=tuple(known.get(n) or Change(n, refused[n]) for n, s in zip(names, static, strict=True) if not s)
     )
-
-
-def write_revisit(path: Path, revisit: Revisit) -> Path:
-    """Writes the changes as CSV: a line a point, change and expanded uncertainty (k = 2) along each axis in mm.
-
-    Parameters
-    ----------
-    path
-        The file to make or replace.
-    revisit
-        What was found.
-
-    Raises
-    ------
-    ResultsError
-        The file cannot be written.
-    """
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["point", "status", *(f"{axis}{part} [mm]" for axis in revisit.axes for part in ("", " U"))])
-    for one in revisit.changes:
-        pairs = zip(one.change_mm, one.std_mm, strict=True)
-        cells = [number for change, std in pairs for number in (change, COVERAGE_FACTOR * std)]
-        writer.writerow([one.point, one.status, *("" if np.isnan(number) else f"{number:.6g}" for number in cells)])
-    return write_file(path, text.getvalue())
 
 
 def _common_points(earlier: Visit, later: Visit) -> tuple[list[str], list[bool]]:

@@ -56,9 +56,9 @@ def find_again(
     Both visits name a point by a click, some pixels beside each other; what is found is the place of the earlier click.
     Anything farther than half a subset from the later click is another place that looks alike.
 
-    Where a subset holds something nearer than the point, such as a stiffener, and the camera stands elsewhere, its parts
-    move against each other and the place found is off. Smaller subsets hold less of it: by how much they find another
-    place counts in the covariance.
+    Where a subset holds something nearer than the point, such as a stiffener, and the camera stands elsewhere, its
+    parts move against each other and the place found is off. Smaller subsets hold less of it: by how much they find
+    another place counts in the covariance.
     """
     count = len(places)
     found, covariance = np.full((count, 2), np.nan), np.full((count, 2, 2), np.nan)
