@@ -102,7 +102,7 @@ def adjust_visits(seen: Sightings, *, free_scale: bool = False) -> Adjusted:
     visit knows its positions to centimetres only.
     """
     problem = _Problem(seen, free_scale)
-    solved: OptimizeResult = least_squares(problem.residuals, problem.start, jac="3-point", x_scale="jac")
+    solved: OptimizeResult = least_squares(problem.residuals, problem.start, x_scale="jac")
     covariance = _invert(solved.jac)
     blocks = problem.unpack(np.arange(problem.size, dtype=np.float64))
     earlier, later = (blocks[name].astype(int) for name in ("moving", "moved"))

@@ -9,7 +9,8 @@ from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.stages.cameras.relative_pose import estimate_relative_pose
 from vfm_sdm.stages.matching.correspondence import find_correspondences
-from vfm_sdm.stages.matching.features import match_features
+from vfm_sdm.stages.matching.detection import detect_features
+from vfm_sdm.stages.matching.features import match_detected
 from vfm_sdm.stages.matching.matches import Matches
 from vfm_sdm.stages.matching.pyramid import ViewPair
 from vfm_sdm.stages.registration.records import Starts
@@ -98,7 +99,8 @@ def _disagreement(
 
 def _match_visits(images: tuple[LumaArray, LumaArray], cameras: tuple[Camera, Camera]) -> ViewPair | None:
     """Both pictures of a view with the pose between them; ``None`` where too little is the same in both."""
-    matches = match_features(*images)
+    # Features as they are: cameras about the same place see no surface at another angle.
+    matches = match_detected(*map(detect_features, images))
     pose, agree = estimate_relative_pose(matches.points_first, matches.points_second, *cameras)
     if not agree.any():
         return None
