@@ -1,4 +1,4 @@
-"""Two visits to the same points with exact cameras: what each visit knows of its cameras is off as its covariance says."""
+"""Two visits to the same points: what each knows of its cameras is off by as much as its covariance says."""
 
 from dataclasses import dataclass, replace
 

@@ -18,7 +18,9 @@ __all__ = ["compare_to_baseline", "compare_visits"]
 
 _MM_PER_M = 1e3
 _FEWEST_STATIC = 3
+_NO_SPARE = "three static points: one that moved across their plane would not be seen, and turn the rest; name a fourth"
 _LEAST_CHANCE = 1e-3
+"""Probability of residuals below which they are no chance [1]."""
 _SCALE_STD = 3.0
 _PLACE_STD_PX = 0.02
 """What registration of pictures that were taken months apart leaves beside noise [px]."""
@@ -91,9 +93,8 @@ def compare_visits(earlier: Visit, later: Visit) -> Revisit:
         name: Change(name, RevisitStatus.OK, tuple(value.tolist()), tuple(own.tolist()))
         for name, value, own in zip(moving, values, std, strict=True)
     }
-    return replace(
-        found, changes=tuple(known.get(n) or Change(n, refused[n]) for n, s in zip(names, static, strict=True) if not s)
-    )
+    changes = tuple(known.get(n) or Change(n, refused[n]) for n, s in zip(names, static, strict=True) if not s)
+    return replace(found, changes=changes, notes=(_NO_SPARE,) if len(found.static) == _FEWEST_STATIC else ())
 
 
 def _common_points(earlier: Visit, later: Visit) -> tuple[list[str], list[bool]]:

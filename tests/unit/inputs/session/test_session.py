@@ -255,24 +255,31 @@ def test_chapters_and_lens_files_are_looked_for_and_move_along(tmp_path):
         {"name": "pattern", "video": "GX*.MP4", "lens": {"camera": "phone"}},
         {"name": "brackets", "video": "one[1].mp4"},
     ]
+    (tmp_path / "May").mkdir()
     point = {"name": "a", "view": "list", "pixel": [1.0, 2.0]}
     site = {"baseline": {"value": 4.0, "std": 0.01}}
-    session = Session(name="x", view=views, point=[point], site=site, folder=tmp_path / "site")
+    session = Session(name="x", view=views, point=[point], site=site, baseline_visit="../May", folder=tmp_path / "site")
     write_session(tmp_path / "site" / "session.toml", session)
     assert read_session(tmp_path / "site" / "session.toml") == session
-    moved = read_session(write_session(tmp_path / "run" / "session.toml", session))
-    assert [str(one) for one in moved.view[0].video] == ["../site/GX01.MP4", "../site/GX02.MP4"]
-    assert str(moved.view[0].lens.file) == "../site/lens.toml"
+    moved = read_session(write_session(tmp_path / "runs" / "October" / "session.toml", session))
+    assert str(moved.baseline_visit) == "../../May"
+    assert [str(one) for one in moved.view[0].video] == ["../../site/GX01.MP4", "../../site/GX02.MP4"]
+    assert str(moved.view[0].lens.file) == "../../site/lens.toml"
     assert moved.view[1].lens.camera == "phone"
     for name in ("GX02.MP4", "lens.toml"):
         (tmp_path / "site" / name).unlink()
     with pytest.raises(SessionError) as caught:
-        read_session(tmp_path / "run" / "session.toml")
-    assert "view[list].video: expected a file at ../site/GX02.MP4, got no such file" in str(caught.value)
-    assert "view[list].lens.file: expected a file at ../site/lens.toml, got no such file" in str(caught.value)
+        read_session(tmp_path / "runs" / "October" / "session.toml")
+    assert "view[list].video: expected a file at ../../site/GX02.MP4, got no such file" in str(caught.value)
+    assert "view[list].lens.file: expected a file at ../../site/lens.toml, got no such file" in str(caught.value)
     (tmp_path / "site" / "GX01.MP4").unlink()
     with pytest.raises(SessionError, match=r"view\[pattern\].video: expected files that match .*GX\*.MP4, got none"):
-        read_session(tmp_path / "run" / "session.toml")
+        read_session(tmp_path / "runs" / "October" / "session.toml")
+    (tmp_path / "May").rmdir()
+    with pytest.raises(
+        SessionError, match=r"baseline_visit: expected the run folder of an earlier visit at \.\./\.\./May"
+    ):
+        read_session(tmp_path / "runs" / "October" / "session.toml")
 
 
 def test_chessboard_paths_move_along(tmp_path):
