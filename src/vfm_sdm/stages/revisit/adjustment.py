@@ -15,7 +15,8 @@ from vfm_sdm.geometry.triangulation import triangulate
 
 __all__ = ["Adjusted", "Sightings", "adjust_visits"]
 
-_LEAST_PLACE_STD_PX = 1e-3
+_LEAST_STD_PX = 1e-3
+"""No pixel is known better."""
 _RANK = 1e-10
 """Share of the largest variance below which a direction of the cameras' parameters does not vary."""
 
@@ -130,7 +131,8 @@ class _Problem:
         self.seen = seen
         self.roots = [_root(rig.covariance, len(rig)) for rig in seen.rigs]
         self.visible = np.isfinite(seen.pixels).all(axis=(0, 3))
-        self.whiten = np.linalg.inv(np.linalg.cholesky(seen.covariance[:, self.visible]))
+        variance = seen.covariance[:, self.visible] + _LEAST_STD_PX**2 * np.eye(2)
+        self.whiten = np.linalg.inv(np.linalg.cholesky(variance))
         moving = int((~seen.static).sum())
         self.shapes = {
             "earlier": (self.roots[0].shape[1],),
@@ -182,7 +184,7 @@ class _Problem:
         points3d[:, ~seen.static] = of["moving"], of["moved"]
         scale = np.exp(of["log_scale"].sum())
         points3d[1] = scale * (Rotation.from_rotvec(of["turn"]).apply(points3d[1]) + of["shift"])
-        beside = of["beside"] * np.maximum(seen.place_std[self.visible], _LEAST_PLACE_STD_PX)
+        beside = of["beside"] * seen.place_std[self.visible]
         for visit, name in enumerate(("earlier", "later")):
             rig = seen.rigs[visit].perturbed(self.roots[visit] @ of[name])
             predicted = np.stack([camera.project(points3d[visit]) for camera in rig.cameras])[self.visible] + beside

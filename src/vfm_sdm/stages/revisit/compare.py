@@ -22,6 +22,10 @@ _NO_SPARE = "three static points: one that moved across their plane would not be
 _LEAST_CHANCE = 1e-3
 """Probability of residuals below which they are no chance [1]."""
 _SCALE_STD = 3.0
+_BESIDE_STD_PX = 0.1
+"""What registration between views leaves beside noise, the same at both visits: it hardly counts [px]."""
+_UNKNOWN_PLACE_PX = 1.0
+"""Standard deviation of a place that was registered where the texture does not tell its uncertainty [px]."""
 _PLACE_STD_PX = 0.02
 """What registration of pictures that were taken months apart leaves beside noise [px]."""
 
@@ -126,11 +130,12 @@ def _see(
         alike |= np.array([one == PointStatus.AMBIGUOUS for one in status], dtype=np.bool_)
         shifts = [rest_shifts(visit, view, names) for visit in visits]
         here = np.stack([places + shifts[0][0], found + shifts[1][0]])
-        noise = np.stack([own / 2 + one[1] for one in shifts]) + _PLACE_STD_PX**2 / 2 * np.eye(2)
+        # The earlier places are the points themselves; registration puts the later ones beside them.
+        noise = np.stack([shifts[0][1], shifts[1][1] + own + _PLACE_STD_PX**2 * np.eye(2)])
         both = np.isfinite(here).all(axis=(0, 2)) & np.isfinite(noise).all(axis=(0, 2, 3))
         pixels[:, number, both], covariance[:, number, both] = here[:, both], noise[:, both]
         std = earlier.cameras.points["position_std"].sel(view=view, point=names).values
-        place_std[number] = np.nan_to_num(std)
+        place_std[number] = np.maximum(np.where(np.isnan(std), _UNKNOWN_PLACE_PX, std), _BESIDE_STD_PX)
     enough = np.isfinite(pixels).all(axis=(0, 3)).sum(axis=0) >= 2
     missing = [RevisitStatus.LOOK_ALIKE if one else RevisitStatus.NOT_FOUND for one in alike]
     reasons = [RevisitStatus.OK if one else other for one, other in zip(enough, missing, strict=True)]
