@@ -15,6 +15,7 @@ from vfm_sdm.geometry.triangulation import triangulate
 
 __all__ = ["Adjusted", "Sightings", "adjust_visits"]
 
+_MOST_STEPS = 50
 _LEAST_STD_PX = 1e-3
 """No pixel is known better."""
 _RANK = 1e-10
@@ -103,7 +104,7 @@ def adjust_visits(seen: Sightings, *, free_scale: bool = False) -> Adjusted:
     visit knows its positions to centimetres only.
     """
     problem = _Problem(seen, free_scale)
-    solved: OptimizeResult = least_squares(problem.residuals, problem.start, x_scale="jac")
+    solved: OptimizeResult = least_squares(problem.residuals, problem.start, x_scale="jac", max_nfev=_MOST_STEPS)
     covariance = _invert(solved.jac)
     blocks = problem.unpack(np.arange(problem.size, dtype=np.float64))
     earlier, later = (blocks[name].astype(int) for name in ("moving", "moved"))
@@ -129,6 +130,7 @@ class _Problem:
 
     def __init__(self, seen: Sightings, free_scale: bool) -> None:
         self.seen = seen
+        self._known: dict[int, tuple[FloatArray, Rig]] = {}
         self.roots = [_root(rig.covariance, len(rig)) for rig in seen.rigs]
         self.visible = np.isfinite(seen.pixels).all(axis=(0, 3))
         variance = seen.covariance[:, self.visible] + _LEAST_STD_PX**2 * np.eye(2)
@@ -186,10 +188,18 @@ class _Problem:
         points3d[1] = scale * (Rotation.from_rotvec(of["turn"]).apply(points3d[1]) + of["shift"])
         beside = of["beside"] * seen.place_std[self.visible]
         for visit, name in enumerate(("earlier", "later")):
-            rig = seen.rigs[visit].perturbed(self.roots[visit] @ of[name])
+            rig = self._rig(visit, of[name])
             predicted = np.stack([camera.project(points3d[visit]) for camera in rig.cameras])[self.visible] + beside
             apart = predicted - seen.pixels[visit][self.visible]
             yield np.ravel(np.einsum("nij,nj->ni", self.whiten[visit], apart))
+
+    def _rig(self, visit: int, of_cameras: FloatArray) -> Rig:
+        """Cameras of a visit; the last ones are kept, because most derivatives leave them as they are."""
+        known = self._known.get(visit)
+        if known is None or not np.array_equal(known[0], of_cameras):
+            known = of_cameras.copy(), self.seen.rigs[visit].perturbed(self.roots[visit] @ of_cameras)
+            self._known[visit] = known
+        return known[1]
 
 
 def _root(covariance: FloatArray | None, cameras: int) -> FloatArray:
