@@ -1,4 +1,4 @@
-"""Recordings tracked segment by segment: as good as in one piece, with anybody's help, and whole but for what failed."""
+"""Recordings tracked segment by segment: as good as in one piece, by whomever, and whole but for what failed."""
 
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
