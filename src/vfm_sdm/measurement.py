@@ -417,15 +417,20 @@ def measure(
     folder
         Run folder to write to; finished stages in it are reused unless their inputs changed. ``None`` keeps the
         results in memory only.
-    progress, whole_files, executor
-        As of `Measurement`.
+    progress
+        Called with what is being done.
+    whole_files
+        Whether large input files are hashed as a whole, see `Measurement`.
+    executor
+        Who tracks the segments of the recordings, see `Measurement`.
     forecast
         Called with what the named points should measure (`Measurement.expectation`), before anything else is done.
 
     Returns
     -------
     measurement
-        With all its products made; ``displacement`` and ``audit`` are ``None`` where ``cameras.status`` says why.
+        With all its products made: ``cameras``, ``tracks``, ``displacement`` (``None`` where no cameras could be
+        found; ``cameras.status`` says why), ``audit`` (``None`` where there is no displacement), ``summary``, ...
 
     Raises
     ------
