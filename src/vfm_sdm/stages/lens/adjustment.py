@@ -12,8 +12,9 @@ from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, LensClip, TurningCam
 __all__ = ["AdjustedClip", "adjust_clip"]
 
 _MAX_ITERATIONS, _ROUNDS = 60, 8
-_CONVERGED, _NOISE_KNOWN, _SETTLED = 1e-9, 0.02, 0.1
-"""Relative gain that ends a round; changes of the noise, and of the focal length over its standard deviation, that end
+_CONVERGED, _NOISE_KNOWN, _SETTLED = 1e-7, 0.02, 0.1
+"""Relative gain that ends a round (one of 1e-9 moves the focal length by less than .003 of its standard
+deviation); changes of the noise, and of the focal length over its standard deviation, that end
 all."""
 _MAX_DAMPING = 1e10
 _ROBUST = 2.5
@@ -58,7 +59,7 @@ class AdjustedClip:
         return self.camera.lens
 
 
-def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
+def adjust_clip(start: TurningCamera, clip: LensClip, *, again: bool = True) -> AdjustedClip:
     """The camera that reproduces the sightings best.
 
     Parameters
@@ -67,6 +68,8 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
         Approximate lens, attitudes and scene; the first attitude is held.
     clip
         Sightings and priors.
+    again
+        Whether it is begun again from other places, see the notes.
 
     Returns
     -------
@@ -88,7 +91,7 @@ def adjust_clip(start: TurningCamera, clip: LensClip) -> AdjustedClip:
     again from where it ended and from there, and the best end counts.
     """
     best = _settle(start, clip)
-    for side in (1, -1):
+    for side in (1, -1) if again else ():
         shared = best.camera.shared * [side, side, side, 1, 1]
         other = _settle(replace(best.camera, shared=shared, nearness=side * best.camera.nearness), clip)
         if _cost_at(other, best.noise_px) < _cost_at(best, best.noise_px):

@@ -15,7 +15,7 @@ from vfm_sdm.stages.lens.scene import READOUT_S, PanScene, begin_adjustment, pla
 from vfm_sdm.stages.lens.sightings import Pair, join_pairs, match_key_frames
 from vfm_sdm.stages.lens.start import chain_turns, search_focal
 from vfm_sdm.stages.lens.steadiness import FocalCourse, follow_focal
-from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, Sightings
+from vfm_sdm.stages.lens.turning_camera import LENS, LEVER, Sightings, TurningCamera
 
 __all__ = ["LensEstimate", "estimate_lens", "judge_lens", "merge_radial"]
 
@@ -162,10 +162,12 @@ def estimate_lens(video: Video, scene: PanScene | None = None) -> LensEstimate:
             shift, readout = camera.shared[3] * camera.lever, float(camera.shared[4])
             rate, change = motion.turn_rates(chosen, camera.camera, readout_s=readout, shift=shift)
             clip = replace(clip, seen=replace(seen, turn_rate=rate, turn_change=change))
-            adjusted = adjust_clip(camera, clip)
-            step = abs(adjusted.camera.lens[0] - camera.lens[0])
-            if step < _SETTLED * np.sqrt(adjusted.covariance[0, 0]):
-                break
+            adjusted = adjust_clip(camera, clip, again=False)
+            if _is_settled(adjusted, camera):
+                # Whether another minimum is better is asked once, at the rates that count.
+                camera, adjusted = adjusted.camera, adjust_clip(adjusted.camera, clip)
+                if _is_settled(adjusted, camera):
+                    break
         return judge_lens(adjusted, motion.time_s[chosen])
     except CameraError as error:  # singular: nothing to step along
         return LensEstimate(LensStatus.NOT_DETERMINED, notes=(str(error),))
@@ -191,6 +193,11 @@ def _sightings(
     used = np.isin(point, chosen) & (count[point] >= _SIGHTINGS)
     _, renumbered = np.unique(point[used], return_inverse=True)
     return frame[used], renumbered, pixel[used]
+
+
+def _is_settled(adjusted: AdjustedClip, before: TurningCamera) -> bool:
+    """Whether an adjustment left the focal length as it was before."""
+    return bool(abs(adjusted.camera.lens[0] - before.lens[0]) < _SETTLED * np.sqrt(adjusted.covariance[0, 0]))
 
 
 def judge_lens(adjusted: AdjustedClip, time_s: FloatArray) -> LensEstimate:
