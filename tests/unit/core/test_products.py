@@ -178,3 +178,52 @@ def test_products_are_made_with_one_thread_for_small_algebra():
             return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
 
     assert set(Threads(Numbers(1, 2, 3), None).counted) == {1}
+
+
+class Unfinished(Sums):
+    """A sum that is whole only from ten on, and what is made of it, which is kept as well."""
+
+    found = 9
+
+    @product(reads=("a", "b"), kept=Kept("rough.json", _read, _write, whole=lambda value: value >= 10))
+    def rough(self, numbers: Numbers) -> int:
+        return self.found
+
+    @product(needs=("rough",))
+    def between(self, numbers: Numbers) -> int:
+        return -self.rough
+
+    @product(needs=("between",), kept=Kept("made.json", _read, _write))
+    def made_of_it(self, numbers: Numbers) -> int:
+        return 2 * self.between
+
+
+def test_what_is_made_of_an_unfinished_product_is_made_again_with_it(tmp_path):
+    first = Unfinished(Numbers(), tmp_path)
+    assert first.made_of_it == -18
+    assert first.in_folder == {name: f"{first.key(name)} unfinished" for name in ("rough", "made_of_it")}
+    assert json.loads((tmp_path / "made.json").read_text())[1] == first.in_folder["made_of_it"]
+    again = Unfinished(Numbers(), tmp_path)
+    again.found = 10
+    assert again.made_of_it == -20
+    assert again.in_folder == {name: again.key(name) for name in ("rough", "made_of_it")}
+    last = Unfinished(Numbers(), tmp_path)
+    assert last.made_of_it == -20
+    assert last.made.get("rough", 0) == last.made.get("made_of_it", 0) == 0
+
+
+def test_pieces_stay_until_their_product_is_whole(tmp_path):
+    import xarray as xr
+
+    class Keeps(Unfinished):
+        @product(reads=("a", "b"), kept=Kept("rough.json", _read, _write, whole=lambda value: value >= 10))
+        def rough(self, numbers: Numbers) -> int:
+            self.pieces().write(0, 0, xr.Dataset(attrs={"found": self.found}))
+            return self.found
+
+    Keeps(Numbers(), tmp_path).ask(Keeps.rough)
+    assert (tmp_path / "rough" / "0" / "0000.nc").exists()
+    whole = Keeps(Numbers(), tmp_path)
+    whole.found = 10
+    assert whole.rough == 10
+    assert not (tmp_path / "rough").exists()
