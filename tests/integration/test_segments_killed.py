@@ -120,9 +120,10 @@ def test_killed_runs_end_with_the_bytes_of_an_undisturbed_one(scene, undisturbed
     assert contents(tmp_path / "whole") == undisturbed
     out, killed, pieces = tmp_path / "run", 0, 0
     with Runner(tmp_path, scene, out, workers) as runner:
-        for _ in range(kills):
+        for number in range(kills):
             # Events are frames or segments, and files; a run that goes on has fewer than one from the beginning.
-            moment = int(rng.integers(1, events + 1))
+            # The first kill is in the middle of tracking.
+            moment = int(rng.integers(1, events + 1)) if number else events // 2
             if rng.random() < 0.15:
                 (out / "tracks.nc").unlink(missing_ok=True)  # so that there is something to do to the last kill
             status = runner.run(moment)
