@@ -16,8 +16,9 @@ import pytest
 from scenes import write_scene
 from vfm_sdm.commands.options import WorkerOptions
 from vfm_sdm.core.executors import cluster_workers, run_tasks
-from vfm_sdm.errors import SessionError
+from vfm_sdm.errors import BackendUnavailableError, SessionError
 
+dask = pytest.importorskip("dask")
 pytest.importorskip("distributed", reason="needs dask.distributed: pip install vfm-sdm[cluster]")
 
 RATE = 6
@@ -124,6 +125,18 @@ def test_a_session_on_a_cluster_that_loses_a_worker_has_the_same_bytes(cluster, 
     assert cluster.workers[1].poll() is None
     assert (out / "tracks.nc").read_bytes() == (tmp_path / "here" / "tracks.nc").read_bytes()
     assert not (out / "tracks").exists()
+
+
+def test_a_scheduler_that_ends_in_the_middle_is_named(tmp_path):
+    with ExitStack() as stack:
+        lone = Cluster(stack, tmp_path, 1)
+        stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": "1s"}))
+        threading.Timer(2, lone.scheduler.kill).start()
+        with (
+            pytest.raises(BackendUnavailableError, match="expected them to be there to the end, got none any more"),
+            cluster_workers(lone.address) as workers,
+        ):
+            run_tasks(time.sleep, [60.0], workers, lambda *_: pytest.fail("done"))
 
 
 def test_a_scheduler_that_is_not_there_is_named(scene, tmp_path, command, monkeypatch):

@@ -114,7 +114,10 @@ def cluster_workers(address: str) -> Iterator[Executor]:
             "with `dask scheduler`, and workers with `dask worker`"
         ) from error
     # Not pure: else a task that is tried again would be taken for the one that failed.
-    with client, client.get_executor(pure=False) as executor:
+    with client:
+        executor = client.get_executor(pure=False)
+        # Futures of a client that lost its scheduler for good never end, and are not waited for at the end either.
+        executor.is_lost = lambda: client.status == "closed"
         yield executor
 
 
@@ -146,6 +149,11 @@ def run_tasks(
     done
         Called in this process with the number of each task that is done, and with its result, in any order.
 
+    Raises
+    ------
+    BackendUnavailableError
+        The executor has a method ``is_lost``, and it says so.
+
     Notes
     -----
     A task that fails with an executor is tried three times. Where a lost process takes all tasks with it that were in
@@ -175,7 +183,13 @@ def run_tasks(
                 number = suspects.popleft()
                 working[executor.submit(function, tasks[number])] = number
             alone = len(working) == 1
-            ended = wait(working, return_when=FIRST_COMPLETED).done
+            ended = wait(working, timeout=_PATIENCE_S, return_when=FIRST_COMPLETED).done
+            if not ended and getattr(executor, "is_lost", bool)():
+                working.clear()
+                raise BackendUnavailableError(
+                    "workers: expected them to be there to the end, got none any more; start them and run again: what "
+                    "is done is kept"
+                )
             while ended:
                 future = ended.pop()  # which holds the result
                 number, error = working.pop(future), _error_of(future)

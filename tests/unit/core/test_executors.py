@@ -199,6 +199,21 @@ def test_a_task_that_somebody_takes_back_is_one_that_failed():
     assert cancels.submitted == [4, 4, 4]
 
 
+def test_workers_that_are_lost_for_good_are_not_waited_for(monkeypatch):
+    class Lost(Here):
+        def submit(self, fn, /, *args, **kwargs):
+            return Future()
+
+        def is_lost(self):
+            return True
+
+    monkeypatch.setattr("vfm_sdm.core.executors._PATIENCE_S", 0.1)
+    with pytest.raises(
+        BackendUnavailableError, match="workers: expected them to be there to the end, got none any more"
+    ):
+        run_tasks(square, [4], Lost(), lambda *_: None)
+
+
 PARENT = """
 import os, sys, time
 from vfm_sdm.core.executors import ProcessWorkers
