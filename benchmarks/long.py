@@ -44,9 +44,7 @@ WIDTHS = {1080: 1920, 720: 1280, 360: 640}
 
 def make_piece(folder: Path, height: int) -> Path:
     """Session of one piece of film."""
-    site, scale = FootbridgeSite(), WIDTHS[height] / 1280
-    further = tuple(replace(stand, focal_px=scale * stand.focal_px) for stand in site.further)
-    site = replace(site, image_size=(WIDTHS[height], height), focal_px=scale * site.focal_px, further=further)
+    site = FootbridgeSite(image_size=(WIDTHS[height], height))
     plan = demo_plan(duration_s=PIECE_S, site=site)
     plan = replace(
         plan,
