@@ -1,5 +1,6 @@
 """Points of one view followed from frame to frame: prediction, registration, and search where that fails."""
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -70,6 +71,35 @@ class FollowState:
     outside: BoolArray
     unsure: BoolArray
     looks: tuple[FloatArray, ...] = ()
+
+    def of(self, rows: IntArray) -> "FollowState":
+        """The state of some points.
+
+        Parameters
+        ----------
+        rows
+            Which, shape (N,).
+        """
+        looks = tuple(places[rows] for places in self.looks)
+        return FollowState(self.warps[rows], self.seen[rows], self.outside[rows], self.unsure[rows], looks)
+
+    @classmethod
+    def joined(cls, parts: Sequence[tuple[IntArray, "FollowState"]]) -> "FollowState":
+        """The state of all points, of those of some each.
+
+        Parameters
+        ----------
+        parts
+            Rows and states of some points each, all after as many looks.
+        """
+        order = np.argsort(np.concatenate([rows for rows, _ in parts]))
+        states = [state for _, state in parts]
+        warps, seen, outside, unsure = (
+            np.concatenate([getattr(state, name) for state in states])[order]
+            for name in ("warps", "seen", "outside", "unsure")
+        )
+        looks = [np.concatenate(places)[order] for places in zip(*(state.looks for state in states), strict=True)]
+        return cls(warps, seen, outside, unsure, tuple(looks))
 
 
 class Follower:

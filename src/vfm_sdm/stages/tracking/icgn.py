@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,12 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign, check_subset_px
 from vfm_sdm.stages.tracking.base import Targets
-from vfm_sdm.stages.tracking.follow import Follower, FollowSettings, FollowState
+from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, find_reference, follow_frames
-from vfm_sdm.stages.tracking.looks import Look, find_starts
+from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.references import References
 from vfm_sdm.stages.tracking.split_subset import SplitSubsets, judge_halves
+from vfm_sdm.stages.tracking.standings import Standing, join_points
 from vfm_sdm.stages.tracking.subset_parts import SubsetParts, judge_parts
 
 __all__ = ["IcgnTracker"]
@@ -195,7 +196,7 @@ class IcgnTracker:
         reference: Frame | None,
         targets: Targets,
         *,
-        start: FollowState | None = None,
+        start: Sequence[Standing] | None = None,
         progress: Progress | None = None,
     ) -> xr.Dataset:
         """Registrations of a segment; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
@@ -205,18 +206,25 @@ class IcgnTracker:
         video, reference, targets, start, progress
             As there.
         """
+        standings = start or [Standing.of_first(targets.points)]
         following: list[_Following] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(luma: LumaArray) -> Callable[[LumaArray], None]:
-                following.append(_Following(self, luma, targets, start, executor))
-                return following[0].advance
+                following.extend(_Following(self, luma, targets, one, executor) for one in standings)
+                return advance
+
+            def advance(luma: LumaArray) -> None:
+                for one in following:
+                    one.advance(luma)
 
             time_s = follow_frames(video, reference, begin, progress)
-            return following[0].record(time_s)
+            return join_points([one.record(time_s) for one in following], standings)
 
-    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[FollowState | None]:
-        """Where the points are as segments begin; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+    def find_starts(
+        self, looks: Sequence[Look], reference: LumaArray, targets: Targets
+    ) -> Sequence[Sequence[Standing]]:
+        """What the points are compared with, and where they are; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
 
         Parameters
         ----------
@@ -224,13 +232,8 @@ class IcgnTracker:
             As there.
         """
         with ThreadPoolExecutor(self.threads) as executor:
-            bank = self.prepare(reference, targets, executor)
-
-            def make(start: FollowState | None, radius_px: int) -> Follower:
-                settings = replace(self.settings, search_radius_px=radius_px)
-                return Follower(bank, reference, settings, executor, start)
-
-            return find_starts(looks, make, self.settings.search_radius_px)
+            references = References(self.prepare, self.settings, reference, targets, executor)
+            return [references.look(look) for look in looks]
 
     def on_one_thread(self) -> "IcgnTracker":
         """The same tracker for one of several processes that share the processors."""
@@ -267,6 +270,8 @@ class IcgnTracker:
         }
         tracks = make_tracks(record["time"].values, targets.names, position, covariance, status, attrs=attrs)
         tracks = tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
+        if record["reference"].values.any():
+            tracks = tracks.assign(reference=record["reference"])
         if "half_difference" not in record:
             return tracks
         if targets.designs is not None:
@@ -308,18 +313,21 @@ def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:
 
 
 class _Following:
-    """Registrations of all targets in the frames so far; covariances are computed for many frames at a time."""
+    """Registrations of a standing's targets in the frames so far; covariances are computed many frames at a time."""
 
     def __init__(
         self,
         tracker: IcgnTracker,
         reference: LumaArray,
         targets: Targets,
-        start: FollowState | None,
+        standing: Standing,
         executor: Executor,
     ) -> None:
+        if standing.frame is not None:
+            reference = standing.frame.frame(standing.number).luma
+        targets, self._rows = targets.of(standing.rows, standing.points), standing.rows
         self._bank = tracker.prepare(reference, targets, executor)
-        self._follower = Follower(self._bank, reference, tracker.settings, executor, start)
+        self._follower = Follower(self._bank, reference, tracker.settings, executor, standing.state)
         self._beside: list[SplitSubsets | SubsetParts] = []
         if tracker.with_parts:
             self._beside.append(SplitSubsets(reference, self._bank, executor))
@@ -337,7 +345,8 @@ class _Following:
         luma
             The frame, shape (H, W).
         """
-        found = self._follower.advance(luma, next(self._expected, None))
+        expected = next(self._expected, None)
+        found = self._follower.advance(luma, None if expected is None else expected[self._rows])
         self._open.append(found)
         if len(self._open) == _CHUNK:
             self._close()
