@@ -33,6 +33,8 @@ thousands of pixels varies by some percent, interpolation between pixels and at 
 _BESIDE = 2.0
 _LEAST_COVERED = 0.02
 """Share of the energy below which what is left is no cover."""
+_LIGHT_S = 30.0
+"""Time over which light that renews references leaves more and more unexplained, and what passes is gone again [s]."""
 
 
 class IcgnTracker:
@@ -253,7 +255,9 @@ class IcgnTracker:
         position, covariance, correlation, status = (record[name].values.copy() for name in names)
         # Reliability is judged here, where the covariances are known.
         found = (status == Status.OK) | (status == Status.UNRELIABLE)
-        lost = found & ~np.isfinite(covariance).all(axis=(2, 3)) | _find_covered(correlation, status)
+        lost = found & ~np.isfinite(covariance).all(axis=(2, 3))
+        renewed = record["reference"].values.any(axis=0)
+        lost |= _find_covered(correlation, status, np.where(renewed[:, None], record["time"].values, np.nan))
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
         across = record["edge_across"].values
@@ -296,13 +300,19 @@ class IcgnTracker:
         return SubsetBank.prepare(reference, targets.points, subset_px=size, designs=designs, executor=executor)
 
 
-def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:
-    """Samples (T, P) in which something covers a part of the subset, by what registration leaves unexplained."""
+def _find_covered(correlation: FloatArray, status: IntArray, time_s: FloatArray) -> BoolArray:
+    """Samples (T, P) in which something covers a part of the subset, by what registration leaves unexplained.
+
+    What is usual is that of all samples, but for points in light that changes: times (P, T) [s], else NaN.
+    """
     left = np.where(status == Status.OK, 1 - correlation, np.nan)
-    usual = np.full(left.shape[1], np.inf)
+    usual = np.full(left.shape, np.inf)
     for point, column in enumerate(left.T):
-        if np.isfinite(column).any():
-            usual[point] = np.median(column[np.isfinite(column)])
+        known = np.isfinite(column)
+        if known.any():
+            usual[:, point] = np.median(column[known])
+        if np.isfinite(time_s[point]).all() and known.any():
+            usual[:, point] = np.maximum(usual[:, point], _usual_in_light(column, time_s[point]))
     left = np.nan_to_num(left)
     covered = left > np.maximum(_COVERED * usual, _LEAST_COVERED)
     # What comes before, or leaves, covers a little of the next frame as well.
@@ -310,6 +320,15 @@ def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:
     beside = np.zeros_like(gone)
     beside[1:], beside[:-1] = gone[:-1], beside[:-1] | gone[1:]
     return np.asarray(covered | (beside & (left > np.maximum(_BESIDE * usual, _LEAST_COVERED))))
+
+
+def _usual_in_light(left: FloatArray, time_s: FloatArray) -> FloatArray:
+    """What registration leaves in the middle of the samples about each, shape (T,) [1], of those known at times [s]."""
+    known = np.flatnonzero(np.isfinite(left))
+    stretches = np.split(known, np.flatnonzero(np.diff(time_s[known] // _LIGHT_S)) + 1)
+    middle = [(np.median(time_s[some]), np.median(left[some])) for some in stretches]
+    at, value = np.array(middle).T
+    return np.asarray(np.interp(time_s, at, value))
 
 
 class _Following:

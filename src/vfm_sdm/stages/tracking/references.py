@@ -209,8 +209,8 @@ class References:
         enough = np.where(self._best > reliable, (self._best + reliable) / 2, -np.inf)
         variance = np.array([measured_variance(one.covariance, self._across) for one in self._known])
         kept = np.where(correlation >= enough, variance, np.inf)
-        usable = np.where(correlation >= reliable, variance, np.inf)
-        sinking = np.isinf(kept).all(axis=0) & np.isfinite(usable)
+        reliable_ones = np.where(correlation >= reliable, variance, np.inf)
+        sinking = np.isinf(kept).all(axis=0) & (correlation >= self._settings.minimum_correlation)
         renewed = self._renew(look, luma, np.where(sinking[..., None], warps, np.nan), enough)
         if renewed.rows.size:
             self._known.append(renewed)
@@ -220,7 +220,7 @@ class References:
                 self._take(row, (len(self._known) - 1, renewed), renewed.home(np.array([row]))[0], state)
                 continue
             if np.isinf(of_row).all() and not correlation[self._of[row], row] >= reliable:
-                of_row = usable[:, row]
+                of_row = reliable_ones[:, row]
             best = int(of_row.argmin())
             if np.isfinite(of_row[best]) and best != self._of[row]:
                 self._take(row, (best, self._known[best]), warps[best, row], state)
@@ -263,6 +263,7 @@ class References:
             bank, most = self._bank(of, rows), self._settings.max_iterations
             raw = bank.run(luma, np.arange(len(rows)), start.copy(), max_iterations=most, executor=self._executor)
             ok = raw.converged & (np.hypot(*(raw.warps[:, :2] - start[:, :2]).T) <= _AGREE_PX)
+            ok &= found[rows] | (raw.correlation >= self._settings.reliable_correlation)
             correlation[index, rows] = np.where(ok, raw.correlation, np.nan)
             warps[index, rows] = np.where(ok[:, None], raw.warps, np.nan)
         return correlation, warps

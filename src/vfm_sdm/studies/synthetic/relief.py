@@ -51,7 +51,9 @@ class Relief:
         self._fu, self._fv = np.meshgrid(np.fft.fftfreq(width), np.fft.rfftfreq(height), indexing="ij")
         radius = np.hypot(self._fu, self._fv)
         with np.errstate(divide="ignore"):
-            amplitude = np.where((radius > 0) & (radius < 1 / finest_px), np.maximum(radius, 1 / _COARSEST_PX) ** -2.0, 0)
+            amplitude = np.where(
+                (radius > 0) & (radius < 1 / finest_px), np.maximum(radius, 1 / _COARSEST_PX) ** -2.0, 0
+            )
         noise = np.random.default_rng(seed).standard_normal((width, height))
         heights = np.fft.rfft2(noise) * amplitude
         self._slopes = [2j * np.pi * f * heights for f in (self._fu, self._fv)]
