@@ -33,12 +33,15 @@ class Look:
         Number of the frame in it.
     between, within
         Numbers of frames with which decoding can begin, between the look before and this one, and in the segment.
+    end
+        Number of the frame with which the next segment begins; ``None`` after the last one.
     """
 
     video: Video
     number: int
     between: tuple[int, ...] = ()
     within: tuple[int, ...] = ()
+    end: int | None = None
 
     def luma(self) -> LumaArray | None:
         """The frame, shape (H, W); ``None`` where it is damaged."""
@@ -56,8 +59,10 @@ class Look:
     def runs(self) -> Iterator[Iterator[LumaArray]]:
         """Runs of successive frames spread over the segment, each frame of shape (H, W), without the first one."""
         chosen = np.linspace(0, len(self.within) - 1, min(_RUNS, len(self.within))).round().astype(int).tolist()
-        for begin in sorted({self.within[k] for k in chosen}):
-            run = self.video.part(begin, _SPREAD // len(chosen) + 1).frames()
+        count = _SPREAD // max(len(chosen), 1) + 1
+        for begin in (self.within[k] for k in chosen):
+            left = count if self.end is None else min(count, self.end - begin)
+            run = self.video.part(begin, left).frames()
             yield (frame.luma for frame in run if frame.index != self.number)
 
 
@@ -76,7 +81,7 @@ def plan_looks(video: Video, firsts: Sequence[int]) -> list[Look]:
     for (before, first), after in zip(pairwise(firsts), [*firsts[2:], None], strict=True):
         between = tuple(k for k in keys if before < k < first)
         within = (first, *(k for k in keys if k > first and (after is None or k < after)))
-        looks.append(Look(video, first, between, within))
+        looks.append(Look(video, first, between, within, after))
     return looks
 
 

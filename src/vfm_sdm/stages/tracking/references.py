@@ -17,6 +17,7 @@ from vfm_sdm.stages.tracking.base import Targets
 from vfm_sdm.stages.tracking.follow import Follower, FollowSettings, FollowState
 from vfm_sdm.stages.tracking.looks import Look, take_look
 from vfm_sdm.stages.tracking.standings import Standing
+from vfm_sdm.stages.tracking.whereabouts import MOST_LOOKS
 
 __all__ = ["References", "add_alike"]
 
@@ -194,10 +195,13 @@ class References:
 
     def _find(self, look: Look, luma: LumaArray) -> FollowState:
         """Where the targets are, each by its reference."""
-        found = []
-        for of, rows in self._groups():
-            make = partial(self._follower, of, rows)
-            state = take_look(look, luma, self._state_of(rows), make, self._settings.search_radius_px)
+        found, groups = [], self._groups()
+        for of, rows in groups:
+            make, last = partial(self._follower, of, rows), self._state_of(rows)
+            state = take_look(look, luma, last, make, self._settings.search_radius_px)
+            if len(groups) > 1 and last is not None:
+                # Frames between two looks, which not all need, are no looks of all.
+                state = replace(state, looks=(*last.looks, state.looks[-1])[-MOST_LOOKS:])
             found.append((rows, state))
         return FollowState.joined(found)
 

@@ -6,8 +6,6 @@ from vfm_sdm.core.arrays import FloatArray
 
 __all__ = ["Relief"]
 
-_COARSEST_PX = 60.0
-
 
 class Relief:
     """Heights of random waves, moved by parts of a pixel without error, and lit from any side.
@@ -18,8 +16,8 @@ class Relief:
         Of the heights.
     size
         Width and height of the picture, which is periodic [px].
-    finest_px
-        Shortest wavelength [px].
+    finest_px, coarsest_px
+        Shortest wavelength, and the one beyond which slopes do not grow [px].
     slope
         Standard deviation of the slopes along u and v [1].
     elevation_deg
@@ -44,6 +42,7 @@ class Relief:
         size: tuple[int, int],
         *,
         finest_px: float = 4.0,
+        coarsest_px: float = 20.0,
         slope: float = 0.15,
         elevation_deg: float = 35.0,
     ) -> None:
@@ -52,7 +51,7 @@ class Relief:
         radius = np.hypot(self._fu, self._fv)
         with np.errstate(divide="ignore"):
             amplitude = np.where(
-                (radius > 0) & (radius < 1 / finest_px), np.maximum(radius, 1 / _COARSEST_PX) ** -2.0, 0
+                (radius > 0) & (radius < 1 / finest_px), np.maximum(radius, 1 / coarsest_px) ** -2.0, 0
             )
         noise = np.random.default_rng(seed).standard_normal((width, height))
         heights = np.fft.rfft2(noise) * amplitude
