@@ -83,6 +83,10 @@ class IcgnTracker:
     reference frame is common to all frames of a track: it is part of the covariance, but differences between frames
     do not contain it. In the reference frame itself the position is given and the covariance is zero.
 
+    **Light.** Segments of long recordings have references of their own where light has changed, see
+    `vfm_sdm.stages.tracking.references.References`; what is usual of a point is then that of the half minutes about a
+    sample, where that is more.
+
     **Status.** ``lost``: neither following nor a search around the last good position ends in a minimum with at least
     ``minimum_correlation``; or the search finds several places that are equally good; or the gradients cannot be told
     from noise; or three times the point's usual share of the subset is left unexplained (two times beside such or lost

@@ -4,8 +4,8 @@ import pickle
 
 import numpy as np
 import pytest
-from lit_films import FPS, NAMES, POINTS, LitFilm, points_of_view
 
+from lit_films import NAMES, POINTS, LitFilm, points_of_view
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.stages.registration.subsets import SubsetBank, SubsetDesign
 from vfm_sdm.stages.tracking.base import Targets
@@ -68,11 +68,11 @@ def test_samples_are_kept_while_light_turns_by_half_a_circle(half_turn, renewed)
     assert np.sqrt(renewed["position_covariance"].values[-1, :, 0, 0]).max() < 0.5
 
 
-def test_without_renewal_points_are_lost(half_turn):
-    alone = track(half_turn, segment_s=1e9)
+def test_without_renewal_points_are_lost(tmp_path):
+    alone = track(LitFilm(tmp_path / "alone", np.linspace(0, 180, FRAMES // 4)), segment_s=1e9)
     assert "reference" not in alone
     assert (alone["status"].values == Status.OK).mean() < 0.5
-    assert (alone["status"].values[FRAMES // 2 :] != Status.OK).all()
+    assert (alone["status"].values[FRAMES // 8 :] != Status.OK).all()
 
 
 def test_tracks_say_what_the_chain_of_references_adds(renewed):
@@ -91,13 +91,11 @@ def test_tracks_say_what_the_chain_of_references_adds(renewed):
     assert (np.linalg.eigvalsh(own) > 0).all()
 
 
-def test_a_film_tells_how_far_light_moves_what_it_shows(half_turn, renewed):
-    # Drift has one sign while light goes on: as independent errors, links of the chain would understate it.
-    links = np.sqrt(np.einsum("rpii->rpi", renewed["reference_covariance"].values))
-    steps = np.array([np.diff(column[np.isfinite(column[:, 0])], axis=0) for column in links.transpose(1, 0, 2)], object)
-    independent = np.array([np.sqrt((of_point**2).sum(axis=0)) for of_point in steps])
-    drift = half_turn.error(renewed)[-20:].mean(axis=0)
-    assert (np.abs(drift) > independent).any()
+def test_drift_has_one_sign_while_light_goes_on(half_turn, renewed):
+    # Which is why standard deviations are added along a chain: as independent errors, links would understate it.
+    of_quarters = half_turn.error(renewed).reshape(4, FRAMES // 4, -1).mean(axis=1)
+    worst = np.abs(of_quarters[-1]).argmax()
+    assert (np.diff(of_quarters[:, worst]) * np.sign(of_quarters[-1, worst]) > 0).all()
 
 
 def test_a_task_gives_the_same_in_another_process(half_turn):
@@ -157,7 +155,7 @@ def test_noise_is_no_reason(tmp_path):
 def test_what_passes_before_a_point_becomes_no_part_of_a_reference(tmp_path):
     def pass_by(number, picture):
         if 49 <= number <= 52:
-            picture[28:62, 58:72] = 60
+            picture[28:62, 64:72] = 90
 
     film = LitFilm(tmp_path / "passes", np.zeros(120), change=pass_by)
     bank = SubsetBank.prepare(film.video.frame(0).luma, POINTS, designs=[SubsetDesign(41)] * 3)
@@ -196,7 +194,3 @@ def test_standard_deviations_add_up_however_alike_errors_are():
         cross = A @ turn @ B.T
         assert np.linalg.eigvalsh(bound - (first + second + cross + cross.T)).min() > -1e-9
     assert add_alike(first, np.zeros((2, 2))).tolist() == first.tolist()
-
-
-def test_frames_a_second_of_the_films():
-    assert FPS * SEGMENT_S == pytest.approx(10)
