@@ -13,7 +13,7 @@ _CAUTION_PX = 0.1
 
 
 def check_references(inputs: AuditInputs) -> AuditCheck | None:
-    """Standard deviation that renewed reference frames add, of the worst point [px]; ``None`` where none was renewed."""
+    """Standard deviation that renewed reference frames add, of the worst point [px]; ``None`` where there are none."""
     added: dict[str, float] = {}
     renewed = 0
     for view, tracks in inputs.tracks.items():

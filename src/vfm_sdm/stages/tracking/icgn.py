@@ -259,9 +259,9 @@ class IcgnTracker:
         position, covariance, correlation, status = (record[name].values.copy() for name in names)
         # Reliability is judged here, where the covariances are known.
         found = (status == Status.OK) | (status == Status.UNRELIABLE)
-        lost = found & ~np.isfinite(covariance).all(axis=(2, 3))
-        renewed = record["reference"].values.any(axis=0)
-        lost |= _find_covered(correlation, status, np.where(renewed[:, None], record["time"].values, np.nan))
+        lost = np.asarray(found & ~np.isfinite(covariance).all(axis=(2, 3)))
+        renewed = np.any(record["reference"].values, axis=0)
+        lost |= _find_covered(correlation, status, np.where(renewed[..., None], record["time"].values, np.nan))
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
         across = record["edge_across"].values
