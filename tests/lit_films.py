@@ -38,10 +38,11 @@ class LitFilm:
         azimuth_deg: FloatArray,
         *,
         seed: int = 0,
+        coarsest_px: float = 20.0,
         contrast: float = 160.0,
         change: Callable[[int, LumaArray], None] | None = None,
     ) -> None:
-        relief, rng = Relief(seed, SIZE), np.random.default_rng(seed + 100)
+        relief, rng = Relief(seed, SIZE, coarsest_px=coarsest_px), np.random.default_rng(seed + 100)
         frames = np.arange(len(azimuth_deg))
         moved = np.column_stack([2.3 * np.sin(0.195 * frames), 1.1 * np.sin(0.295 * frames + 1)])
         self.moved = moved - moved[0]

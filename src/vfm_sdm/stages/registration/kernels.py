@@ -32,9 +32,6 @@ __all__ = ["CONVERGED", "FAILED", "OUTSIDE", "correlate_on_grid", "register_subs
 CONVERGED, FAILED, OUTSIDE = 0, 1, 2
 """Outcome codes of one registration."""
 
-_RIGID_STEPS = 20
-"""Steps that may sample the grid of a pure translation; registrations that end need 3 to 10."""
-
 _DRIFT_PX = 1  # motion after which a loaded region still serves
 _REGION_FACTOR = 2  # largest stretch of a subset by the warp; beyond it the registration has diverged
 _FAR = 1e7
@@ -232,8 +229,7 @@ def register_subsets(
         for iteration in range(max_iterations):
             for i in range(6):  # an array assignment would double the time of compilation
                 grid[i] = warp[i]
-            # A warp near the limit may go back and forth between both, and never end.
-            rigid = iteration < _RIGID_STEPS and _deviation(warp, half) <= rigid_px
+            rigid = _deviation(warp, half) <= rigid_px
             if rigid:
                 grid[2], grid[3], grid[4], grid[5] = 1.0, 0.0, 0.0, 1.0
             if not _inside(grid, half, columns, image.shape[0]):

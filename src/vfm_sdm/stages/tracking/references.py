@@ -265,7 +265,7 @@ class References:
             for k in np.flatnonzero(~found[rows] & ~state.outside[rows] & (self._of[rows] != index)).tolist():
                 start[k] = self._search(luma, of, rows[k : k + 1], state)
             bank, most = self._bank(of, rows), self._settings.max_iterations
-            raw = bank.run(luma, np.arange(len(rows)), start.copy(), max_iterations=most, executor=self._executor)
+            raw = bank.run(luma, np.arange(len(rows)), start, max_iterations=most, exact=True, executor=self._executor)
             ok = raw.converged & (np.hypot(*(raw.warps[:, :2] - start[:, :2]).T) <= _AGREE_PX)
             ok &= found[rows] | (raw.correlation >= self._settings.reliable_correlation)
             correlation[index, rows] = np.where(ok, raw.correlation, np.nan)
