@@ -260,7 +260,9 @@ class IcgnTracker:
         # Reliability is judged here, where the covariances are known.
         found = (status == Status.OK) | (status == Status.UNRELIABLE)
         lost = np.asarray(found & ~np.isfinite(covariance).all(axis=(2, 3)))
-        renewed = np.any(record["reference"].values, axis=0)
+        renewed = np.zeros(position.shape[1], np.bool_)
+        if "reference" in record:  # not of live pictures, which have one
+            renewed = np.any(record["reference"].values, axis=0)
         lost |= _find_covered(correlation, status, np.where(renewed[..., None], record["time"].values, np.nan))
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
@@ -278,7 +280,7 @@ class IcgnTracker:
         }
         tracks = make_tracks(record["time"].values, targets.names, position, covariance, status, attrs=attrs)
         tracks = tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
-        if record["reference"].values.any():
+        if renewed.any():
             tracks = tracks.assign(reference=record["reference"])
         if "half_difference" not in record:
             return tracks
