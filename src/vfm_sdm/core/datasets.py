@@ -9,6 +9,9 @@ tracks
     ``warp`` (point) in words, ``believed`` (point, or time and point), the share of pixels believed [1], and
     ``edge_across`` (point, pixel), the unit vector across a point that is measured across an edge only, else NaN: along
     the edge its position is that of the reference frame, with the standard deviation `UNMEASURED_STD_PX`.
+    Where reference frames were renewed also ``reference`` (time, point), the number of the frame that a sample was
+    compared with, and ``reference_covariance`` (reference_frame, point, pixel_a, pixel_b) [px2], what that adds to
+    ``position_covariance``.
     With a leading dim ``view`` the tracks share one clock, and what is known of each view's own clock are variables on
     ``view``: ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``;
     and ``clock_use`` (view, point).

@@ -259,6 +259,7 @@ _CHECKS = {
     "frozen": Part(_AUDIT + "tracks:check_frozen"),
     "slip": Part(_AUDIT + "tracks:check_slip"),
     "halves": Part(_AUDIT + "tracks:check_halves"),
+    "references": Part(_AUDIT + "references:check_references"),
     "parts": Part(_AUDIT + "subsets:check_parts"),
     "believed": Part(_AUDIT + "subsets:check_believed"),
     "static-points": Part(_AUDIT + "tracks:check_static_points"),

@@ -34,6 +34,7 @@ TOLERANCE_PX = 1e-4
 """Distance to the minimum below which a registration has converged (RMS over the subset, from how the steps shrink):
 a small part of the scatter that any noise gives."""
 
+_NEVER_RIGID = -1.0
 _RANK = 1e-9
 """Share of the largest singular value from which on one counts: pixels against their strain differ by a million."""
 _SHARE = 16  # fewest registrations worth a thread of their own
@@ -198,6 +199,7 @@ class SubsetBank:
         warps: FloatArray,
         *,
         max_iterations: int = 50,
+        exact: bool = False,
         executor: Executor | None = None,
     ) -> RawRegistration:
         """Registrations without checks and covariances, for inner loops.
@@ -212,10 +214,13 @@ class SubsetBank:
             Starts: position of the centre [px], then the affine map row by row [1], shape (K, 6).
         max_iterations
             Gauss-Newton steps after which a registration has failed.
+        exact
+            Whether subsets that are strained hardly at all are sampled as such, too, at some cost: what light does to a
+            subset may else lead back and forth between both ways of sampling, without an end.
         executor
             Threads that share the work; without them, it runs in this thread.
         """
-        settings = (max_iterations, TOLERANCE_PX, RIGID_PX)
+        settings = (max_iterations, TOLERANCE_PX, _NEVER_RIGID if exact else RIGID_PX)
         return self._run_in_threads(register_subsets, settings, current, rows, warps, executor)
 
     def run_on_grid(

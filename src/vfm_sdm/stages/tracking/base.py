@@ -6,13 +6,14 @@ from typing import Any, Protocol, Self, runtime_checkable
 
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import find, make
 from vfm_sdm.inputs.session import Method
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.designs import SubsetDesign
 from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.standings import Standing
 
 __all__ = ["DesignedTracker", "SegmentTracker", "Targets", "Tracker", "find_tracker", "tracker_of"]
 
@@ -35,6 +36,19 @@ class Targets:
     points: FloatArray
     names: tuple[str, ...]
     designs: Sequence[SubsetDesign | None] | None = None
+
+    def of(self, rows: IntArray, points: FloatArray) -> "Targets":
+        """Some of them, where they are in another reference frame.
+
+        Parameters
+        ----------
+        rows
+            Which, shape (N,).
+        points
+            Where they are in it, shape (N, 2) [px].
+        """
+        names = tuple(self.names[row] for row in rows.tolist())
+        return Targets(points, names, None if self.designs is None else [self.designs[row] for row in rows.tolist()])
 
 
 class Tracker(Protocol):
@@ -115,7 +129,7 @@ class SegmentTracker(Protocol):
         reference: Frame | None,
         targets: Targets,
         *,
-        start: Any = None,
+        start: Sequence[Standing] | None = None,
         progress: Progress | None = None,
     ) -> xr.Dataset:
         """What is seen of the targets, frame by frame, to be judged when the whole recording was seen.
@@ -129,7 +143,8 @@ class SegmentTracker(Protocol):
         targets
             What is followed.
         start
-            Where the targets are as the segment begins, of `find_starts`; in the reference frame when left out.
+            What the targets are compared with and where they are as the segment begins, of `find_starts`; with the
+            reference frame, and as in it, when left out.
         progress
             Called with ``tracking``, the number of frames done so far and that of all.
 
@@ -141,13 +156,15 @@ class SegmentTracker(Protocol):
         """
         ...
 
-    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> Sequence[Any]:
-        """Where the targets are as each segment but the first begins.
+    def find_starts(
+        self, looks: Sequence[Look], reference: LumaArray, targets: Targets
+    ) -> Sequence[Sequence[Standing] | None]:
+        """What the targets are compared with and where they are as each segment but the first begins.
 
         Parameters
         ----------
         looks
-            First frames of those segments, and frames between them.
+            Looks at those segments.
         reference
             The reference frame, shape (H, W).
         targets

@@ -1,5 +1,6 @@
 """Points of one view followed from frame to frame: prediction, registration, and search where that fails."""
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -70,6 +71,35 @@ class FollowState:
     outside: BoolArray
     unsure: BoolArray
     looks: tuple[FloatArray, ...] = ()
+
+    def of(self, rows: IntArray) -> "FollowState":
+        """The state of some points.
+
+        Parameters
+        ----------
+        rows
+            Which, shape (N,).
+        """
+        looks = tuple(places[rows] for places in self.looks)
+        return FollowState(self.warps[rows], self.seen[rows], self.outside[rows], self.unsure[rows], looks)
+
+    @classmethod
+    def joined(cls, parts: Sequence[tuple[IntArray, "FollowState"]]) -> "FollowState":
+        """The state of all points, of those of some each.
+
+        Parameters
+        ----------
+        parts
+            Rows and states of some points each, all after as many looks.
+        """
+        order = np.argsort(np.concatenate([rows for rows, _ in parts]))
+        states = [state for _, state in parts]
+        warps, seen, outside, unsure = (
+            np.concatenate([getattr(state, name) for state in states])[order]
+            for name in ("warps", "seen", "outside", "unsure")
+        )
+        looks = [np.concatenate(places)[order] for places in zip(*(state.looks for state in states), strict=True)]
+        return cls(warps, seen, outside, unsure, tuple(looks))
 
 
 class Follower:
@@ -153,6 +183,7 @@ class Follower:
         doubtful = np.flatnonzero(~found & self._bank.usable)
         if doubtful.size:
             self._search(luma, doubtful, raw, continuous=continuous, found=found, now=now)
+            self._finish(luma, start, raw, found)
         self._judge_sightings(np.flatnonzero(found & (~followed | ~self._seen | self._unsure)), raw, found, now)
         raw.outcome[~found, 0], raw.outcome[~found, 2] = FAILED, np.nan
         # A jump that the search bridged says nothing about the next step.
@@ -245,6 +276,20 @@ class Follower:
             if not has_rival(score, tried.warps[mine, :2], int(score.argmax())):
                 found[p] = True
                 raw.warps[p], raw.outcome[p] = tried.warps[winner], tried.outcome[winner]
+
+    def _finish(self, luma: LumaArray, start: FloatArray, raw: RawRegistration, found: BoolArray) -> None:
+        """Registers from their starts (P, 6) again, with more care, what is there and came to no end; enters it."""
+        rows = np.flatnonzero(~found & ~raw.converged & (raw.correlation >= self._settings.reliable_correlation))
+        if not rows.size:
+            return
+        most = self._settings.max_iterations
+        again = self._bank.run(luma, rows, start[rows], max_iterations=most, exact=True, executor=self._executor)
+        moved = np.full(len(found), np.nan)
+        moved[rows] = np.hypot(*(again.warps[:, :2] - start[rows, :2]).T)
+        ok = again.converged & (again.correlation >= self._settings.reliable_correlation)
+        ok &= self._within_reach(moved)[rows]
+        found[rows[ok]] = True
+        raw.warps[rows[ok]], raw.outcome[rows[ok]] = again.warps[ok], again.outcome[ok]
 
     def _within_reach(self, moved: FloatArray) -> BoolArray:
         """Whether steps from the predicted place (P,) [px] are too short to end at a look-alike by mistake.

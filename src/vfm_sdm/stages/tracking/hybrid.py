@@ -13,11 +13,11 @@ from vfm_sdm.inputs.session import Network
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.designs import SubsetDesign
 from vfm_sdm.stages.tracking.base import SegmentTracker, Targets, find_tracker
-from vfm_sdm.stages.tracking.follow import FollowState
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.inputs import check_counts, check_points, find_reference
 from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.network import NetworkTracker
+from vfm_sdm.stages.tracking.standings import Standing
 from vfm_sdm.stages.tracking.undivided import InOnePiece
 
 __all__ = ["HybridTracker"]
@@ -117,7 +117,7 @@ class HybridTracker:
         reference: Frame | None,
         targets: Targets,
         *,
-        start: FollowState | None = None,
+        start: Sequence[Standing] | None = None,
         progress: Progress | None = None,
     ) -> xr.Dataset:
         """Registrations of a segment, and where the network saw the points (``expected``, [px]).
@@ -135,7 +135,9 @@ class HybridTracker:
         kept = {name: followed.attrs[name] for name in ("precision",) if name in followed.attrs}
         return registered.assign(expected=followed["position"]).assign_attrs(kept)
 
-    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[FollowState | None]:
+    def find_starts(
+        self, looks: Sequence[Look], reference: LumaArray, targets: Targets
+    ) -> Sequence[Sequence[Standing]]:
         """Where the registration begins; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
 
         Parameters

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,12 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign, check_subset_px
 from vfm_sdm.stages.tracking.base import Targets
-from vfm_sdm.stages.tracking.follow import Follower, FollowSettings, FollowState
+from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, find_reference, follow_frames
-from vfm_sdm.stages.tracking.looks import Look, find_starts
+from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.references import References
 from vfm_sdm.stages.tracking.split_subset import SplitSubsets, judge_halves
+from vfm_sdm.stages.tracking.standings import Standing, join_points
 from vfm_sdm.stages.tracking.subset_parts import SubsetParts, judge_parts
 
 __all__ = ["IcgnTracker"]
@@ -32,6 +33,8 @@ thousands of pixels varies by some percent, interpolation between pixels and at 
 _BESIDE = 2.0
 _LEAST_COVERED = 0.02
 """Share of the energy below which what is left is no cover."""
+_LIGHT_S = 30.0
+"""Time over which light that renews references leaves more and more unexplained, and what passes is gone again [s]."""
 
 
 class IcgnTracker:
@@ -79,6 +82,10 @@ class IcgnTracker:
     shares are known from s2 and taken out, otherwise weak textures would look better than they are. The noise of the
     reference frame is common to all frames of a track: it is part of the covariance, but differences between frames
     do not contain it. In the reference frame itself the position is given and the covariance is zero.
+
+    **Light.** Segments of long recordings have references of their own where light has changed, see
+    `vfm_sdm.stages.tracking.references.References`; what is usual of a point is then that of the half minutes about a
+    sample, where that is more.
 
     **Status.** ``lost``: neither following nor a search around the last good position ends in a minimum with at least
     ``minimum_correlation``; or the search finds several places that are equally good; or the gradients cannot be told
@@ -195,7 +202,7 @@ class IcgnTracker:
         reference: Frame | None,
         targets: Targets,
         *,
-        start: FollowState | None = None,
+        start: Sequence[Standing] | None = None,
         progress: Progress | None = None,
     ) -> xr.Dataset:
         """Registrations of a segment; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
@@ -205,18 +212,25 @@ class IcgnTracker:
         video, reference, targets, start, progress
             As there.
         """
+        standings = start or [Standing.of_first(targets.points)]
         following: list[_Following] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(luma: LumaArray) -> Callable[[LumaArray], None]:
-                following.append(_Following(self, luma, targets, start, executor))
-                return following[0].advance
+                following.extend(_Following(self, luma, targets, one, executor) for one in standings)
+                return advance
+
+            def advance(luma: LumaArray) -> None:
+                for one in following:
+                    one.advance(luma)
 
             time_s = follow_frames(video, reference, begin, progress)
-            return following[0].record(time_s)
+            return join_points([one.record(time_s) for one in following], standings)
 
-    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[FollowState | None]:
-        """Where the points are as segments begin; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
+    def find_starts(
+        self, looks: Sequence[Look], reference: LumaArray, targets: Targets
+    ) -> Sequence[Sequence[Standing]]:
+        """What the points are compared with, and where they are; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
 
         Parameters
         ----------
@@ -224,13 +238,8 @@ class IcgnTracker:
             As there.
         """
         with ThreadPoolExecutor(self.threads) as executor:
-            bank = self.prepare(reference, targets, executor)
-
-            def make(start: FollowState | None, radius_px: int) -> Follower:
-                settings = replace(self.settings, search_radius_px=radius_px)
-                return Follower(bank, reference, settings, executor, start)
-
-            return find_starts(looks, make, self.settings.search_radius_px)
+            references = References(self.prepare, self.settings, reference, targets, executor)
+            return [references.look(look) for look in looks]
 
     def on_one_thread(self) -> "IcgnTracker":
         """The same tracker for one of several processes that share the processors."""
@@ -250,7 +259,11 @@ class IcgnTracker:
         position, covariance, correlation, status = (record[name].values.copy() for name in names)
         # Reliability is judged here, where the covariances are known.
         found = (status == Status.OK) | (status == Status.UNRELIABLE)
-        lost = found & ~np.isfinite(covariance).all(axis=(2, 3)) | _find_covered(correlation, status)
+        lost = np.asarray(found & ~np.isfinite(covariance).all(axis=(2, 3)))
+        renewed = np.zeros(position.shape[1], np.bool_)
+        if "reference" in record:  # not of live pictures, which have one
+            renewed = np.any(record["reference"].values, axis=0)
+        lost |= _find_covered(correlation, status, np.where(renewed[..., None], record["time"].values, np.nan))
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
         across = record["edge_across"].values
@@ -267,6 +280,8 @@ class IcgnTracker:
         }
         tracks = make_tracks(record["time"].values, targets.names, position, covariance, status, attrs=attrs)
         tracks = tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
+        if renewed.any():
+            tracks = tracks.assign(reference=record["reference"])
         if "half_difference" not in record:
             return tracks
         if targets.designs is not None:
@@ -291,13 +306,19 @@ class IcgnTracker:
         return SubsetBank.prepare(reference, targets.points, subset_px=size, designs=designs, executor=executor)
 
 
-def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:
-    """Samples (T, P) in which something covers a part of the subset, by what registration leaves unexplained."""
+def _find_covered(correlation: FloatArray, status: IntArray, time_s: FloatArray) -> BoolArray:
+    """Samples (T, P) in which something covers a part of the subset, by what registration leaves unexplained.
+
+    What is usual is that of all samples, but for points in light that changes: times (P, T) [s], else NaN.
+    """
     left = np.where(status == Status.OK, 1 - correlation, np.nan)
-    usual = np.full(left.shape[1], np.inf)
+    usual = np.full(left.shape, np.inf)
     for point, column in enumerate(left.T):
-        if np.isfinite(column).any():
-            usual[point] = np.median(column[np.isfinite(column)])
+        known = np.isfinite(column)
+        if known.any():
+            usual[:, point] = np.median(column[known])
+        if np.isfinite(time_s[point]).all() and known.any():
+            usual[:, point] = np.maximum(usual[:, point], _usual_in_light(column, time_s[point]))
     left = np.nan_to_num(left)
     covered = left > np.maximum(_COVERED * usual, _LEAST_COVERED)
     # What comes before, or leaves, covers a little of the next frame as well.
@@ -307,19 +328,31 @@ def _find_covered(correlation: FloatArray, status: IntArray) -> BoolArray:
     return np.asarray(covered | (beside & (left > np.maximum(_BESIDE * usual, _LEAST_COVERED))))
 
 
+def _usual_in_light(left: FloatArray, time_s: FloatArray) -> FloatArray:
+    """What registration leaves in the middle of the samples about each, shape (T,) [1], of those known at times [s]."""
+    known = np.flatnonzero(np.isfinite(left))
+    stretches = np.split(known, np.flatnonzero(np.diff(time_s[known] // _LIGHT_S)) + 1)
+    middle = [(np.median(time_s[some]), np.median(left[some])) for some in stretches]
+    at, value = np.array(middle).T
+    return np.asarray(np.interp(time_s, at, value))
+
+
 class _Following:
-    """Registrations of all targets in the frames so far; covariances are computed for many frames at a time."""
+    """Registrations of a standing's targets in the frames so far; covariances are computed many frames at a time."""
 
     def __init__(
         self,
         tracker: IcgnTracker,
         reference: LumaArray,
         targets: Targets,
-        start: FollowState | None,
+        standing: Standing,
         executor: Executor,
     ) -> None:
+        if standing.frame is not None:
+            reference = standing.frame.frame(standing.number).luma
+        targets, self._rows = targets.of(standing.rows, standing.points), standing.rows
         self._bank = tracker.prepare(reference, targets, executor)
-        self._follower = Follower(self._bank, reference, tracker.settings, executor, start)
+        self._follower = Follower(self._bank, reference, tracker.settings, executor, standing.state)
         self._beside: list[SplitSubsets | SubsetParts] = []
         if tracker.with_parts:
             self._beside.append(SplitSubsets(reference, self._bank, executor))
@@ -337,7 +370,8 @@ class _Following:
         luma
             The frame, shape (H, W).
         """
-        found = self._follower.advance(luma, next(self._expected, None))
+        expected = next(self._expected, None)
+        found = self._follower.advance(luma, None if expected is None else expected[self._rows])
         self._open.append(found)
         if len(self._open) == _CHUNK:
             self._close()

@@ -23,6 +23,7 @@ from vfm_sdm.stages.tracking.chunks import ChunkPlan, ChunkStitcher
 from vfm_sdm.stages.tracking.inputs import check_points, find_reference
 from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.patches import Patch, plan_patches
+from vfm_sdm.stages.tracking.standings import Standing
 
 __all__ = ["NetworkPreset", "NetworkTracker", "PresetNetwork", "fix_reference", "record_with_network"]
 
@@ -187,7 +188,7 @@ class NetworkTracker(ABC):
         reference: Frame | None,
         targets: Targets,
         *,
-        start: None = None,
+        start: Sequence[Standing] | None = None,
         progress: Progress | None = None,
     ) -> xr.Dataset:
         """Places of a segment; see `vfm_sdm.stages.tracking.base.SegmentTracker`.

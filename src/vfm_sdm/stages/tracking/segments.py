@@ -5,22 +5,21 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.executors import run_tasks
 from vfm_sdm.core.pieces import Pieces
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.core.threads import small_algebra
-from vfm_sdm.errors import ResultsError, VideoError
+from vfm_sdm.errors import ResultsError
 from vfm_sdm.inputs.video import PassRecord, PassTally, Video
 from vfm_sdm.stages.tracking.base import SegmentTracker, Targets
-from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.looks import plan_looks
+from vfm_sdm.stages.tracking.standings import Standing
 from vfm_sdm.stages.tracking.subset_parts import MOST_SAMPLES
 
 __all__ = [
@@ -34,8 +33,6 @@ __all__ = [
     "track_segments",
 ]
 
-_BETWEEN_S = 2.0
-"""Time between two looks at least [s]: many motions of a structure, and few frames of a recording."""
 _PASS = "pass_"
 _PASS_DIMS = {
     "time_s": ("frame",),
@@ -83,7 +80,7 @@ class SegmentTask:
     targets
         What is followed.
     start
-        Where the targets are as it begins, of `SegmentTracker.find_starts`.
+        What the targets are compared with and where they are as it begins, of `SegmentTracker.find_starts`.
     """
 
     first: int
@@ -92,7 +89,7 @@ class SegmentTask:
     home: Video | None
     tracker: SegmentTracker
     targets: Targets
-    start: Any = None
+    start: Sequence[Standing] | None = None
 
     def on_one_thread(self) -> "SegmentTask":
         """The same task for one of several processes that share the processors."""
@@ -129,12 +126,7 @@ def plan_segments(video: Video, tracker: SegmentTracker, targets: Targets, lengt
         return [SegmentTask(0, 0.0, video, None, tracker, targets)]
     home = video.part(0, 1)
     reference = home.first_frame().luma
-    between = video.keys(_BETWEEN_S)
-    looks = [
-        Look(partial(_decode, video, first), [partial(_decode, video, k) for k in between if before < k < first])
-        for before, first in pairwise(firsts)
-    ]
-    starts = [None, *tracker.find_starts(looks, reference, targets)]
+    starts = [None, *tracker.find_starts(plan_looks(video, firsts), reference, targets)]
     counts = [*np.diff(firsts).tolist(), None]
     return [
         SegmentTask(first, begin_s, video.part(first, count), home if first else None, tracker, targets, start)
@@ -373,14 +365,6 @@ def join_records(records: Sequence[xr.Dataset]) -> xr.Dataset:
         joined[str(name)] = (variable.dims, values, variable.attrs)
     attrs = {name: value for name, value in records[0].attrs.items() if not str(name).startswith(_PASS)}
     return xr.Dataset(joined, attrs=attrs).set_coords("time")
-
-
-def _decode(video: Video, number: int) -> LumaArray | None:
-    """One frame, shape (H, W); ``None`` where it is damaged."""
-    try:
-        return video.part(number, 1).frame(number).luma
-    except VideoError:
-        return None
 
 
 def _counted_on(progress: Progress | None, first: int) -> Progress | None:

@@ -17,6 +17,7 @@ from vfm_sdm.stages.registration.subsets import SubsetBank, check_subset_px
 from vfm_sdm.stages.tracking.base import Targets
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, find_reference, follow_frames
 from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.standings import Standing
 
 __all__ = ["DIVISIONS", "TemplateTracker"]
 
@@ -138,7 +139,7 @@ class TemplateTracker:
         reference: Frame | None,
         targets: Targets,
         *,
-        start: None = None,
+        start: Sequence[Standing] | None = None,
         progress: Progress | None = None,
     ) -> xr.Dataset:
         """Places of a segment; see `vfm_sdm.stages.tracking.base.SegmentTracker`.

@@ -11,6 +11,7 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.tracking.base import DesignedTracker, Targets, Tracker
 from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.standings import Standing
 
 __all__ = ["InOnePiece", "NoTargets"]
 
@@ -35,7 +36,7 @@ class InOnePiece:
         reference: Frame | None,
         targets: Targets,
         *,
-        start: None = None,
+        start: Sequence[Standing] | None = None,
         progress: Progress | None = None,
     ) -> xr.Dataset:
         """Tracks of the targets; see `vfm_sdm.stages.tracking.base.SegmentTracker`.
@@ -90,7 +91,7 @@ class NoTargets:
         reference: Frame | None,
         targets: Targets,
         *,
-        start: None = None,
+        start: Sequence[Standing] | None = None,
         progress: Progress | None = None,
     ) -> xr.Dataset:
         """When the frames were taken; see `vfm_sdm.stages.tracking.base.SegmentTracker`.

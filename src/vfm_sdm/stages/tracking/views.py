@@ -22,6 +22,7 @@ from vfm_sdm.stages.tracking.segments import (
     read_pass,
     track_segments,
 )
+from vfm_sdm.stages.tracking.standings import include_references
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 from vfm_sdm.stages.tracking.undivided import InOnePiece, NoTargets
@@ -41,7 +42,8 @@ def track_views(
     """Tracks of all points in every view, each on its own clock; a point without a position is lost throughout.
 
     Covariances are raised to the scatter of the tracks, see `include_track_noise`, and those of single samples to how
-    far they leave their path, see `include_lone_errors`. The decoder's report on each recording is the attribute
+    far they leave their path, see `include_lone_errors`; what renewed reference frames add is in all of them, see
+    `vfm_sdm.stages.tracking.standings.include_references`. The decoder's report on each recording is the attribute
     ``recording`` of its tracks, a table; what could not be tracked is its entry ``untracked``, intervals [s].
 
     Parameters
@@ -131,6 +133,7 @@ def _finish(name: str, view: _View, tracked: TrackedSegments) -> xr.Dataset:
             "warp": "",
             "shading": 0,
             "believed": 0.0,
+            "reference": 0,
         }
         fill = {key: missing.get(str(key), np.nan) for key in found.data_vars}
         found = found.reindex(point=view.names, fill_value=fill)
@@ -140,6 +143,7 @@ def _finish(name: str, view: _View, tracked: TrackedSegments) -> xr.Dataset:
     found.attrs.update(view=name, image_width=info.width, image_height=info.height, pixel_aspect=info.pixel_aspect)
     clock = check_frames(found, alike=report.alike)
     tracks = include_lone_errors(include_track_noise(clock.tracks))
+    tracks = include_references(tracks, view.targets.names, [task.start for task in tracked.tasks])
     tracks.attrs["recording"] = {
         **asdict(report),
         "stated_frames": info.frame_count,

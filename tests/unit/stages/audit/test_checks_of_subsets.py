@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 from vfm_sdm.core.statuses import Outcome
+from vfm_sdm.stages.audit.references import check_references
 from vfm_sdm.stages.audit.subsets import check_believed, check_parts
 
 
@@ -49,3 +50,25 @@ def test_trackers_that_say_nothing_of_subsets_are_not_judged():
     inputs = Inputs()
     inputs.tracks = {"left": inputs.tracks["left"].drop_vars(["part_gain_std", "believed"])}
     assert check_parts(inputs).outcome == check_believed(inputs).outcome == Outcome.NOT_POSSIBLE
+
+
+def renewed(*std_px):
+    """Tracks of points whose references were renewed once, which adds these standard deviations [px]."""
+    added = np.zeros((2, 3, 2, 2))
+    added[1] = np.eye(2) * np.reshape(std_px, (3, 1, 1)) ** 2
+    return Inputs(reference_covariance=(("reference_frame", "point", "pixel_a", "pixel_b"), added))
+
+
+def test_renewed_references_say_what_they_add():
+    assert check_references(Inputs()) is None
+    found = check_references(renewed(0.02, 0.03, np.nan))
+    assert found.outcome == Outcome.PASS
+    assert found.where == "b in left"
+    assert found.value == pytest.approx(0.03)
+    assert "renewed 1 times as light changed; that adds 0.030 px in b in left" in found.sentence
+
+
+def test_references_that_add_more_than_a_position_may_have_are_a_caution():
+    found = check_references(renewed(0.02, 0.3, 0.01))
+    assert found.outcome == Outcome.CAUTION
+    assert "slow motion below that cannot be told from light" in found.sentence
