@@ -19,6 +19,7 @@ SMALLEST = {
     "lines": ["--draws", "1", "--readings", "level alone", "--rectangles", "1"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
     "lens": ["--draws", "1", "--views", "40"],
+    "long": ["--height", "360", "--minutes", "0.1", "0.2"],
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
     "profiles": ["--kinds", "drone", "--sites", "1"],
     "references": ["--frames", "40", "--minutes", "4", "--segment-s", "60", "--seeds", "1"],
@@ -27,7 +28,7 @@ SMALLEST = {
     "verdicts": ["--runs", "1", "--seeds", "1", "--faults", "both views drop frames", "a clipped reference"],
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
-SLOW = {"end_to_end", "lens", "lines", "pairs", "plan"}
+SLOW = {"end_to_end", "lens", "lines", "long", "pairs", "plan", "references"}
 NEEDS = {"profiles": "lens_profiles"}
 """Real data without which a script has nothing to do."""
 ELSEWHERE = {"vggt": "test_benchmark_vggt.py", "vggt_costs": "no script, but what vggt counts with"}
