@@ -50,7 +50,7 @@ from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
 from vfm_sdm.stages.tracking.segments import Work
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
 from vfm_sdm.stages.tracking.track_noise import include_static_noise
-from vfm_sdm.stages.tracking.views import track_views
+from vfm_sdm.stages.tracking.views import is_whole, track_views
 
 __all__ = ["Measurement", "measure"]
 
@@ -445,5 +445,7 @@ def measure(
     measurement.run("cameras", "points", "tracks", "displacement", "audit", "summary", "figures")
     measurement.summary["seconds"] = measurement.rounded_seconds()
     if measurement.folder is not None:
-        RunFolder(measurement.folder).add({"finished": True, "seconds": measurement.summary["seconds"]})
+        # What is not whole is tried once more by the next run.
+        finished = is_whole(measurement.tracks)
+        RunFolder(measurement.folder).add({"finished": finished, "seconds": measurement.summary["seconds"]})
     return measurement

@@ -1,7 +1,7 @@
 """What a tracker is, and how one is found by name; `vfm_sdm.core.parts` lists them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self, runtime_checkable
 
 import xarray as xr
@@ -31,11 +31,14 @@ class Targets:
     designs
         Size, warp and mask of each point's subset, for trackers that compare designed ones; ``None`` for a point that
         is not to be tracked.
+    segments
+        Number of segments of the recording, among which measurements in some frames are shared.
     """
 
     points: FloatArray
     names: tuple[str, ...]
     designs: Sequence[SubsetDesign | None] | None = None
+    segments: int = 1
 
     def of(self, rows: IntArray, points: FloatArray) -> "Targets":
         """Some of them, where they are in another reference frame.
@@ -48,7 +51,8 @@ class Targets:
             Where they are in it, shape (N, 2) [px].
         """
         names = tuple(self.names[row] for row in rows.tolist())
-        return Targets(points, names, None if self.designs is None else [self.designs[row] for row in rows.tolist()])
+        designs = None if self.designs is None else [self.designs[row] for row in rows.tolist()]
+        return replace(self, points=points, names=names, designs=designs)
 
 
 class Tracker(Protocol):

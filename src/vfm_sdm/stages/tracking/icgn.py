@@ -357,7 +357,7 @@ class _Following:
         if tracker.with_parts:
             self._beside.append(SplitSubsets(reference, self._bank, executor))
             if targets.designs is not None:
-                self._beside.append(SubsetParts(reference, self._bank, executor))
+                self._beside.append(SubsetParts(reference, self._bank, executor, targets.segments))
         self._expected = iter(() if tracker.expected is None else tracker.expected)
         self._open: list[tuple[RawRegistration, IntArray]] = []
         self._closed: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []

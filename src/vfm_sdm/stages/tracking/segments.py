@@ -124,6 +124,7 @@ def plan_segments(video: Video, tracker: SegmentTracker, targets: Targets, lengt
     firsts = [first for first, _ in begins]
     if len(begins) == 1:
         return [SegmentTask(0, 0.0, video, None, tracker, targets)]
+    targets = replace(targets, segments=len(begins))
     home = video.part(0, 1)
     reference = home.first_frame().luma
     starts = [None, *tracker.find_starts(plan_looks(video, firsts), reference, targets)]

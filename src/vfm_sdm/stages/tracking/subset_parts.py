@@ -17,7 +17,8 @@ __all__ = ["MOST_SAMPLES", "SubsetParts", "compute_disagreement", "compute_gain_
 
 _STRIPS = 4
 """Strips along each direction: the fewest that can be joined to halves."""
-_EVERY = 2
+_EVERY, _RAREST = 2, 32
+"""Frames between two measurements at the beginning of a recording, and between those of many segments."""
 MOST_SAMPLES = 128
 """Measurements that are kept: enough for variances. Beyond, every second one is dropped and half as many are made, so
 that the cost hardly grows with the length of a recording."""
@@ -43,6 +44,8 @@ class SubsetParts:
         The bank of the whole subsets, with designs.
     executor
         Threads that share the work.
+    segments
+        Number of segments of the recording: each makes its share of the measurements that are kept of all.
 
     Notes
     -----
@@ -52,7 +55,7 @@ class SubsetParts:
     both sides of the middle apart: noise is then that of the outer two and the inner two, which have one middle.
     """
 
-    def __init__(self, reference: LumaArray, whole: SubsetBank, executor: Executor) -> None:
+    def __init__(self, reference: LumaArray, whole: SubsetBank, executor: Executor, segments: int = 1) -> None:
         self._whole, self._executor = whole, executor
         self._owners: list[tuple[int, int]] = []  # point, and direction of the strips' order
         designs: list[SubsetDesign | None] = []
@@ -64,7 +67,9 @@ class SubsetParts:
         self._bank = None
         if designs:
             self._bank = SubsetBank.prepare(reference, whole.points[self._rows], designs=designs, executor=executor)
-        self._taken, self._every = 0, _EVERY
+        # As a recording in one piece would make them, but never so rarely that a short segment has none.
+        self._every = min(_EVERY << (segments.bit_length() - 1), _RAREST)
+        self._taken = self._every // 2 if segments > 1 else 0
         self._motion: list[FloatArray] = []
         self._strips: list[RawRegistration] = []
 
