@@ -38,6 +38,7 @@ def sites(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_ten_sessions_with_one_broken(plain, command, sites, tmp_path):
     runs = tmp_path / "runs"
     status, out, err = command("batch", f"{sites}/*/session.toml", "-o", runs)
@@ -66,6 +67,7 @@ def test_ten_sessions_with_one_broken(plain, command, sites, tmp_path):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL on Windows")
+@pytest.mark.slow
 def test_a_killed_batch_goes_on(sites, tmp_path):
     names = ("bridge 0", "bridge 1", "bridge 2")
     words = [

@@ -21,6 +21,8 @@ from vfm_sdm.errors import BackendUnavailableError, SessionError
 dask = pytest.importorskip("dask")
 pytest.importorskip("distributed", reason="needs dask.distributed: pip install vfm-sdm[cluster]")
 
+pytestmark = pytest.mark.slow
+
 RATE = 6
 _PATIENCE_S = 60
 

@@ -111,7 +111,7 @@ class Runner:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.parametrize("workers", [0, 2])
+@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kills", [5, pytest.param(50, marks=[pytest.mark.slow, pytest.mark.hundreds])])
 def test_killed_runs_end_with_the_bytes_of_an_undisturbed_one(scene, undisturbed, tmp_path, command, workers, kills):
     rng = np.random.default_rng(kills + workers)

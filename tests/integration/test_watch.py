@@ -71,6 +71,7 @@ def films(tmp_path):
         writer.wait()
 
 
+@pytest.mark.slow
 def test_films_that_are_being_written(session, films):
     film = Film(seconds=14.0)
     watched = watch(session, "--json", "--every", 0.5, "--idle-s", 8)

@@ -146,12 +146,14 @@ def test_two_static_points_are_too_few(compare):
     assert by_name(found)["quarter"].status is RevisitStatus.LOOK_ALIKE
 
 
+@pytest.mark.slow
 def test_a_static_point_that_moved_is_named(compare):
     found = compare(make_pair(3, change_mm={**CHANGE, "s3": (0.0, 15.0, 0.0)}))
     assert {one.status for one in found.changes} == {RevisitStatus.STATIC_MOVED}
     assert found.notes == ("without 's3' the others agree; check whether it stands still, or name it not static",)
 
 
+@pytest.mark.slow
 def test_where_several_moved_none_is_named(compare):
     moved = {"s1": (0.0, 15.0, 0.0), "s3": (0.0, -15.0, 0.0), "s5": (0.0, 20.0, 0.0)}
     found = compare(make_pair(3, change_mm=moved))

@@ -118,8 +118,9 @@ class TestAgainstOnePiece:
             found[segment_s] = tracks["cam"]
         np.testing.assert_allclose(found[1.0]["position"], found[60.0]["position"], atol=1e-3)
         assert found[1.0]["subset_px"].equals(found[60.0]["subset_px"])
-        # Strips are measured in other frames where segments begin: their scatter is that of other samples.
-        np.testing.assert_allclose(found[1.0]["part_noise"], found[60.0]["part_noise"], rtol=0.5)
+        # Strips are measured in other frames, and a robust scale of some 18 samples is known to a quarter: three
+        # standard deviations of the difference are 1.
+        np.testing.assert_allclose(found[1.0]["part_noise"], found[60.0]["part_noise"], rtol=1.0)
         assert np.abs(errors(found[1.0], motion(FRAMES))).max() < 0.05
 
     def test_a_view_without_points_has_its_clock(self, film):
