@@ -215,13 +215,14 @@ def test_workers_that_are_lost_for_good_are_not_waited_for(monkeypatch):
 
 
 PARENT = """
-import os, sys, time
+import os, signal, sys, time
 from vfm_sdm.core.executors import ProcessWorkers
 
 def sleep(seconds):
     time.sleep(seconds)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which is not so where the tests run in the background
     with ProcessWorkers(2) as workers:
         print(workers.submit(os.getpid).result(), flush=True)
         futures = [workers.submit(time.sleep, 600) for _ in range(4)]
@@ -259,7 +260,10 @@ def test_processes_end_with_their_parent_at_once(tmp_path, sign):
         assert first in workers
         assert len(workers) == 2
         run.send_signal(sign)
-        run.wait(timeout=20)
+        try:
+            run.wait(timeout=20)
+        finally:
+            run.kill()
     limit = time.monotonic() + 10
     while any(map(is_running, workers)) and time.monotonic() < limit:
         time.sleep(0.05)
