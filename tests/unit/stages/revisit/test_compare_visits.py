@@ -68,7 +68,7 @@ def test_without_errors_the_change_is_exact(compare):
     np.testing.assert_allclose(changes["quarter"].change_mm, 0.0, atol=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.hundreds
 def test_intervals_hold_for_cameras_known_as_well_as_stated(compare, monkeypatch):
     """Errors over stated deviations have mean square one: of 24 draws with 6 values each, 0.6 to 1.6 holds 99 %."""
     monkeypatch.setattr(module, "_PLACE_STD_PX", 0.0)  # these places have noise alone
