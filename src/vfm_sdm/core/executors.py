@@ -28,6 +28,9 @@ R = TypeVar("R")
 
 _ATTEMPTS = 3
 _PATIENCE_S = 10
+_GONE = (
+    "workers: expected them to be there to the end, got none any more; start them and run again: what is done is kept"
+)
 _MANY = 32
 """Tasks that are handed out at once to an executor that does not say how many workers it has."""
 
@@ -178,18 +181,15 @@ def run_tasks(
         while waiting or suspects or working:
             while not suspects and waiting and len(working) < at_once:
                 number = waiting.popleft()
-                working[executor.submit(function, tasks[number])] = number
+                working[_hand_out(executor, function, tasks[number])] = number
             if suspects and not working:
                 number = suspects.popleft()
-                working[executor.submit(function, tasks[number])] = number
+                working[_hand_out(executor, function, tasks[number])] = number
             alone = len(working) == 1
             ended = wait(working, timeout=_PATIENCE_S, return_when=FIRST_COMPLETED).done
             if not ended and getattr(executor, "is_lost", bool)():
                 working.clear()
-                raise BackendUnavailableError(
-                    "workers: expected them to be there to the end, got none any more; start them and run again: what "
-                    "is done is kept"
-                )
+                raise BackendUnavailableError(_GONE)
             while ended:
                 future = ended.pop()  # which holds the result
                 number, error = working.pop(future), _error_of(future)
@@ -208,6 +208,13 @@ def run_tasks(
         for future in working:
             future.cancel()
     return failed
+
+
+def _hand_out(executor: Executor, function: Callable[[T], R], task: T) -> "Future[R]":
+    try:
+        return executor.submit(function, task)
+    except Exception as error:  # of any kind, as of a cluster that gave up its scheduler
+        raise BackendUnavailableError(_GONE) from error
 
 
 def _error_of(future: Future[Any]) -> BaseException | None:
