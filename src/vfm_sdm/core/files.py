@@ -1,10 +1,12 @@
 """Files that are either whole or absent: atomic writing, JSON, and hashes that identify a file's content."""
 
+import csv
 import hashlib
+import io
 import json
 import re
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ import numpy as np
 
 from vfm_sdm.errors import ResultsError
 
-__all__ = ["file_fingerprint", "file_hash", "remove_orphans", "replace_file", "write_file", "write_json"]
+__all__ = ["csv_text", "file_fingerprint", "file_hash", "remove_orphans", "replace_file", "write_file", "write_json"]
 
 _BLOCK_BYTES = 1 << 20
 _WHOLE_BYTES = 16 << 20
@@ -191,6 +193,28 @@ def file_fingerprint(path: Path | str, *, whole: bool = False) -> str:
             stream.seek((status.st_size - _SAMPLE_BYTES) * number // (_SAMPLES - 1))
             digest.update(stream.read(_SAMPLE_BYTES))
     return f"sampled-{digest.hexdigest()}"
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table as comma-separated values, a line a row.
+
+    Parameters
+    ----------
+    header
+        Names of the columns.
+    rows
+        Cells of each row, as they are to be written.
+
+    Examples
+    --------
+    >>> csv_text(["point", "u, v"], [["mid", 0.5]]).splitlines()
+    ['point,"u, v"', 'mid,0.5']
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def write_json(path: Path, content: Mapping[str, Any], *, label: str) -> Path:

@@ -1,14 +1,12 @@
 """Result of a re-visit: a line a point, and the file that holds it."""
 
-import csv
-import io
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vfm_sdm.core.files import write_file
+from vfm_sdm.core.files import csv_text, write_file
 from vfm_sdm.core.statuses import RevisitStatus
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
@@ -85,11 +83,11 @@ def write_revisit(path: Path, revisit: Revisit) -> Path:
     ResultsError
         The file cannot be written.
     """
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["point", "status", *(f"{axis}{part} [mm]" for axis in revisit.axes for part in ("", " U"))])
-    for one in revisit.changes:
-        pairs = zip(one.change_mm, one.std_mm, strict=True)
-        cells = [number for change, std in pairs for number in (change, COVERAGE_FACTOR * std)]
-        writer.writerow([one.point, one.status, *("" if np.isnan(number) else f"{number:.6g}" for number in cells)])
-    return write_file(path, text.getvalue())
+    header = ["point", "status", *(f"{axis}{part} [mm]" for axis in revisit.axes for part in ("", " U"))]
+    return write_file(path, csv_text(header, map(_row, revisit.changes)))
+
+
+def _row(one: Change) -> list[str]:
+    pairs = zip(one.change_mm, one.std_mm, strict=True)
+    cells = [number for change, std in pairs for number in (change, COVERAGE_FACTOR * std)]
+    return [one.point, one.status, *("" if np.isnan(number) else f"{number:.6g}" for number in cells)]

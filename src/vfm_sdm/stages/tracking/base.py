@@ -12,10 +12,20 @@ from vfm_sdm.core.registry import find, make
 from vfm_sdm.inputs.session import Method
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.designs import SubsetDesign
+from vfm_sdm.stages.tracking.inputs import find_reference
 from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.standings import Standing
 
-__all__ = ["DesignedTracker", "SegmentTracker", "Targets", "Tracker", "find_tracker", "tracker_of"]
+__all__ = [
+    "DesignedTracker",
+    "SegmentTracker",
+    "Targets",
+    "Tracker",
+    "WithoutStarts",
+    "find_tracker",
+    "track_whole",
+    "tracker_of",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +203,51 @@ class SegmentTracker(Protocol):
             What is known of the recording.
         """
         ...
+
+
+class WithoutStarts:
+    """What trackers have in common that need not know where targets are as a segment begins."""
+
+    in_one_piece = False
+
+    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[None]:
+        """Nothing, once for each look; see `SegmentTracker.find_starts`.
+
+        Parameters
+        ----------
+        looks, reference, targets
+            As there.
+        """
+        return [None] * len(looks)
+
+    def on_one_thread(self) -> Self:
+        """The tracker itself."""
+        return self
+
+
+def track_whole(
+    tracker: SegmentTracker, video: Video, targets: Targets, reference_frame: int, progress: Progress | None
+) -> xr.Dataset:
+    """Tracks of a recording in one piece; see `Tracker.track`.
+
+    Parameters
+    ----------
+    tracker
+        Who follows.
+    video
+        The view.
+    targets
+        What is followed.
+    reference_frame, progress
+        As there.
+
+    Raises
+    ------
+    DatasetError
+        There is no such reference frame.
+    """
+    record = tracker.follow(video, find_reference(video, reference_frame), targets, progress=progress)
+    return tracker.judge(record, targets, video.info).assign_attrs(reference_frame=reference_frame)
 
 
 def tracker_of(method: Method) -> Tracker:

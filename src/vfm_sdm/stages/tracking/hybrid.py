@@ -12,9 +12,9 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.session import Network
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.designs import SubsetDesign
-from vfm_sdm.stages.tracking.base import SegmentTracker, Targets, find_tracker
+from vfm_sdm.stages.tracking.base import SegmentTracker, Targets, find_tracker, track_whole
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
-from vfm_sdm.stages.tracking.inputs import check_counts, check_points, find_reference
+from vfm_sdm.stages.tracking.inputs import check_counts, check_points
 from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.network import NetworkTracker
 from vfm_sdm.stages.tracking.standings import Standing
@@ -108,8 +108,7 @@ class HybridTracker:
             Points lie outside the image, names are not distinct, or there is no such reference frame.
         """
         targets = Targets(check_points(points2d, names, video), tuple(names), designs)
-        record = self.follow(video, find_reference(video, reference_frame), targets, progress=progress)
-        return self.judge(record, targets, video.info).assign_attrs(reference_frame=reference_frame)
+        return track_whole(self, video, targets, reference_frame, progress)
 
     def follow(
         self,

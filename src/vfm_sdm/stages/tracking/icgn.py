@@ -15,9 +15,9 @@ from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign, check_subset_px
-from vfm_sdm.stages.tracking.base import Targets
+from vfm_sdm.stages.tracking.base import Targets, track_whole
 from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
-from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, find_reference, follow_frames
+from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
 from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.references import References
 from vfm_sdm.stages.tracking.split_subset import SplitSubsets, judge_halves
@@ -193,8 +193,7 @@ class IcgnTracker:
             reference frame.
         """
         targets = Targets(check_points(points2d, names, video), tuple(names), designs)
-        record = self.follow(video, find_reference(video, reference_frame), targets, progress=progress)
-        return self.judge(record, targets, video.info).assign_attrs(reference_frame=reference_frame)
+        return track_whole(self, video, targets, reference_frame, progress)
 
     def follow(
         self,

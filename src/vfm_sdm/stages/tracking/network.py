@@ -4,12 +4,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import DatasetError
@@ -18,10 +18,9 @@ from vfm_sdm.inputs.video import Frame, RgbArray, Video, VideoInfo
 from vfm_sdm.networks.availability import choose_weights, require_torch
 from vfm_sdm.networks.interface import SEEN, ChunkNetwork, ChunkTracks
 from vfm_sdm.networks.weights import weights_id
-from vfm_sdm.stages.tracking.base import Targets
+from vfm_sdm.stages.tracking.base import Targets, WithoutStarts
 from vfm_sdm.stages.tracking.chunks import ChunkPlan, ChunkStitcher
 from vfm_sdm.stages.tracking.inputs import check_points, find_reference
-from vfm_sdm.stages.tracking.looks import Look
 from vfm_sdm.stages.tracking.patches import Patch, plan_patches
 from vfm_sdm.stages.tracking.standings import Standing
 
@@ -95,7 +94,7 @@ class PresetNetwork:
     preset: NetworkPreset
 
 
-class NetworkTracker(ABC):
+class NetworkTracker(WithoutStarts, ABC):
     """A tracker that runs a network.
 
     Parameters
@@ -110,7 +109,6 @@ class NetworkTracker(ABC):
     """
 
     name: ClassVar[str]
-    in_one_piece = False
 
     def __init__(self, *, network: Network | None = None) -> None:
         require_torch(f"tracker {self.name}")
@@ -197,24 +195,15 @@ class NetworkTracker(ABC):
         ----------
         video, reference, targets, start, progress
             As there; every segment is followed from the reference frame on.
+
+        Notes
+        -----
+        Threads stay as they are where several processes share the processors: sums of a network may depend on their
+        number.
         """
         network = PresetNetwork(self.inference, self.preset)
         record = record_with_network(network, video, reference, targets, progress)
         return record.assign_attrs(precision=self.inference.precision)
-
-    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[None]:
-        """Nothing; see `follow`.
-
-        Parameters
-        ----------
-        looks, reference, targets
-            As of `vfm_sdm.stages.tracking.base.SegmentTracker`.
-        """
-        return [None] * len(looks)
-
-    def on_one_thread(self) -> Self:
-        """The same tracker: sums of a network may depend on the number of threads, and must not on the process."""
-        return self
 
     def judge(self, record: xr.Dataset, targets: Targets, info: VideoInfo) -> xr.Dataset:
         """Tracks of places; see `vfm_sdm.stages.tracking.base.SegmentTracker`.

@@ -364,8 +364,7 @@ def join_records(records: Sequence[xr.Dataset]) -> xr.Dataset:
             while len(values) >= MOST_SAMPLES:
                 values = values[1::2]
         joined[str(name)] = (variable.dims, values, variable.attrs)
-    attrs = {name: value for name, value in records[0].attrs.items() if not str(name).startswith(_PASS)}
-    return xr.Dataset(joined, attrs=attrs).set_coords("time")
+    return xr.Dataset(joined, attrs=first.attrs).set_coords("time")
 
 
 def _counted_on(progress: Progress | None, first: int) -> Progress | None:

@@ -14,9 +14,8 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset, has_rival
 from vfm_sdm.stages.registration.subsets import SubsetBank, check_subset_px
-from vfm_sdm.stages.tracking.base import Targets
-from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, find_reference, follow_frames
-from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.base import Targets, WithoutStarts, track_whole
+from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
 from vfm_sdm.stages.tracking.standings import Standing
 
 __all__ = ["DIVISIONS", "TemplateTracker"]
@@ -30,7 +29,7 @@ _Located = tuple[FloatArray, FloatArray, FloatArray, IntArray]
 """Positions, covariances, correlations and status codes of one frame."""
 
 
-class TemplateTracker:
+class TemplateTracker(WithoutStarts):
     """Follows targets by normalised cross-correlation with the reference frame, to 1/16 px.
 
     Parameters
@@ -77,7 +76,6 @@ class TemplateTracker:
     """
 
     name = "template"
-    in_one_piece = False
 
     def __init__(
         self,
@@ -130,8 +128,7 @@ class TemplateTracker:
             Points lie outside the image, names are not distinct, or there is no such reference frame.
         """
         targets = Targets(check_points(points2d, names, video), tuple(names))
-        record = self.follow(video, find_reference(video, reference_frame), targets, progress=progress)
-        return self.judge(record, targets, video.info).assign_attrs(reference_frame=reference_frame)
+        return track_whole(self, video, targets, reference_frame, progress)
 
     def follow(
         self,
@@ -169,16 +166,6 @@ class TemplateTracker:
             "status": (("time", "point"), status.astype(np.int8)),
         }
         return xr.Dataset(variables, coords={"time": ("time", time_s, {"units": "s"})})
-
-    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[None]:
-        """Nothing; see `follow`.
-
-        Parameters
-        ----------
-        looks, reference, targets
-            As of `vfm_sdm.stages.tracking.base.SegmentTracker`.
-        """
-        return [None] * len(looks)
 
     def on_one_thread(self) -> "TemplateTracker":
         """The same tracker for one of several processes that share the processors."""

@@ -5,18 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
-from vfm_sdm.stages.tracking.base import DesignedTracker, Targets, Tracker
-from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.base import DesignedTracker, Targets, Tracker, WithoutStarts
 from vfm_sdm.stages.tracking.standings import Standing
 
 __all__ = ["InOnePiece", "NoTargets"]
 
 
-class InOnePiece:
+class InOnePiece(WithoutStarts):
     """Any tracker as one whose only segment is the whole recording.
 
     Parameters
@@ -52,20 +50,6 @@ class InOnePiece:
             )
         return self.tracker.track(video, targets.points, names=targets.names, progress=progress)
 
-    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[None]:
-        """Nothing, for there are no segments.
-
-        Parameters
-        ----------
-        looks, reference, targets
-            As of `vfm_sdm.stages.tracking.base.SegmentTracker`.
-        """
-        return [None] * len(looks)
-
-    def on_one_thread(self) -> "InOnePiece":
-        """The same tracker, which may not know how to do without threads."""
-        return self
-
     def judge(self, record: xr.Dataset, targets: Targets, info: VideoInfo) -> xr.Dataset:
         """The tracks.
 
@@ -79,11 +63,10 @@ class InOnePiece:
         return record
 
 
-class NoTargets:
+class NoTargets(WithoutStarts):
     """Who follows nothing, and reads the clock of a view."""
 
     name = "none"
-    in_one_piece = False
 
     def follow(
         self,
@@ -103,20 +86,6 @@ class NoTargets:
         """
         time_s = np.array([frame.time_s for frame in video.frames()])
         return xr.Dataset(coords={"time": ("time", time_s, {"units": "s"})})
-
-    def find_starts(self, looks: Sequence[Look], reference: LumaArray, targets: Targets) -> list[None]:
-        """Nothing.
-
-        Parameters
-        ----------
-        looks, reference, targets
-            As of `vfm_sdm.stages.tracking.base.SegmentTracker`.
-        """
-        return [None] * len(looks)
-
-    def on_one_thread(self) -> "NoTargets":
-        """The same."""
-        return self
 
     def judge(self, record: xr.Dataset, targets: Targets, info: VideoInfo) -> xr.Dataset:
         """Tracks of no points.

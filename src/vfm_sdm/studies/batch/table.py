@@ -1,14 +1,12 @@
 """One line a session: what became of it and what it is worth."""
 
-import csv
-import io
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
-from vfm_sdm.core.files import write_file
+from vfm_sdm.core.files import csv_text, write_file
 from vfm_sdm.core.statuses import SessionOutcome
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.outputs.results import first_cause
@@ -110,14 +108,10 @@ def write_rows(path: Path, rows: Iterable[BatchRow]) -> Path:
     ResultsError
         The file cannot be written.
     """
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
     names = [field.name for field in fields(BatchRow)]
-    writer.writerow(names)
-    for row in rows:
-        cells = [getattr(row, name) for name in names]
-        writer.writerow([_round(cell) if isinstance(cell, float) else cell for cell in cells])
-    return write_file(path, text.getvalue())
+    lines = ([getattr(row, name) for name in names] for row in rows)
+    cells = [[_round(cell) if isinstance(cell, float) else cell for cell in line] for line in lines]
+    return write_file(path, csv_text(names, cells))
 
 
 def _round(value: float) -> str:

@@ -1,7 +1,5 @@
 """Tables as the paper prints them, and their files in CSV and Markdown."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from vfm_sdm.analysis.evaluation.metrics import Score
-from vfm_sdm.core.files import write_file
+from vfm_sdm.core.files import csv_text, write_file
 
 __all__ = ["METRICS", "Case", "Table", "comparison_table", "write_table"]
 
@@ -144,15 +142,12 @@ def write_table(folder: Path | str, table: Table) -> tuple[Path, Path]:
     method,NRMSE
     with SGR,0.15
     """
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table.columns)
-    writer.writerows([["" if _is_nan(cell) else cell for cell in row] for row in table.rows])
+    text = csv_text(table.columns, [["" if _is_nan(cell) else cell for cell in row] for row in table.rows])
     lines = [f"# {table.title}", "", _format_row(table.columns), _format_row(["---"] * len(table.columns))]
     lines += [_format_row([_format_cell(cell) for cell in row]) for row in table.rows]
     lines += ["", *(f"- {note}" for note in table.notes)] if table.notes else []
     paths = Path(folder) / f"{table.name}.csv", Path(folder) / f"{table.name}.md"
-    for path, content in zip(paths, (text.getvalue(), "\n".join(lines) + "\n"), strict=True):
+    for path, content in zip(paths, (text, "\n".join(lines) + "\n"), strict=True):
         write_file(path, content)
     return paths
 
