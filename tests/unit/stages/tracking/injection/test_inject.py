@@ -5,10 +5,12 @@ import pytest
 
 from compressed import POINT, film, pictures
 from vfm_sdm.core.statuses import InjectionStatus
-from vfm_sdm.inputs.video import open_video
+from vfm_sdm.inputs.video import Region, open_video
+from vfm_sdm.inputs.video.coding import read_coded_clip
 from vfm_sdm.inputs.video.memory import video_in_memory
 from vfm_sdm.stages.registration.designs import SubsetDesign, Warp
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
+from vfm_sdm.stages.tracking.injection.encoder import ClipEncoder
 from vfm_sdm.stages.tracking.injection.gains import compute_gain
 from vfm_sdm.stages.tracking.injection.inject import inject
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
@@ -50,6 +52,17 @@ def test_the_gain_of_a_weak_texture_is_found_without_truth(weak, tmp_path, codec
         assert abs(gain - true.gain) < 0.7 * (1 - true.gain) + 2 * true.std
         assert std < 0.06
         assert 1 / 1.6 < noise / true.noise < 1.6
+
+
+def test_the_same_pictures_give_the_same_bytes_whatever_lies_in_memory(weak, tmp_path):
+    made = film(tmp_path / "a.mp4", *weak, codec="libx264", crf=18, preset="medium")
+    clip = read_coded_clip(open_video(made.path), [Region(88, 56, 80, 80)], frames=FRAMES)
+    encoder = ClipEncoder(clip, clip.quantisers.mean(axis=(1, 2)), 0.0)
+    rng, found, memory = np.random.default_rng(0), set(), []
+    for _ in range(14):
+        memory = [*memory[-2:], rng.integers(0, 255, rng.integers(1_000, 900_000), np.uint8)]
+        found.add(encoder.run(clip.crops[0]).tobytes())
+    assert len(found) == 1
 
 
 def test_a_strong_texture_at_a_good_quality_loses_nothing(tmp_path):
