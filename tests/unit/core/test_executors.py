@@ -1,5 +1,6 @@
 """Tasks on executors: tried again, lost with their process, named when they fail for good; processes that end."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -233,10 +234,14 @@ if __name__ == "__main__":
 
 
 def children_of(process):
-    found = subprocess.run(
-        ["ps", "-o", "pid=,args=", "--ppid", str(process)], capture_output=True, text=True, check=False
-    )
-    return [int(line.split()[0]) for line in found.stdout.splitlines() if "spawn_main" in line]
+    """Read from /proc: `ps` cuts its lines at COLUMNS, also in a pipe."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            parent = int(stat.read_text().rsplit(")", 1)[1].split()[1])
+            if parent == process and b"spawn_main" in stat.with_name("cmdline").read_bytes():
+                found.append(int(stat.parent.name))
+    return found
 
 
 def is_running(process):
