@@ -42,6 +42,7 @@ from vfm_sdm.stages.displacement.monocular import measure_planar
 from vfm_sdm.stages.displacement.origin import include_origin
 from vfm_sdm.stages.displacement.result import add_facts, state_uncertainty
 from vfm_sdm.stages.displacement.stereo import compute_displacement
+from vfm_sdm.stages.intervals import Carried, MeasuredInterval, measure_intervals
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
 from vfm_sdm.stages.revisit import Revisit, Visit, compare_to_baseline
 from vfm_sdm.stages.synchronize import synchronize_tracks
@@ -191,26 +192,44 @@ class Measurement(SessionChain):
         """Tracks at their true size, where injection shows what is missing."""
         return correct_tracks(self.tracks, self.injection)
 
-    # C: the cameras' own motion taken out, one clock, displacement.
+    # C: the cameras' own motion taken out, one clock, displacement; of a long recording interval by interval.
 
-    @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "injected"))
+    @product(reads=("view", "point", "site", "method"), needs=("frames", "cameras", "tracks", "injection"))
+    def intervals(self, session: Session) -> tuple[xr.Dataset, Audit] | None:
+        """Displacement and audit of a long recording, of those of its intervals; ``None`` of one that is one."""
+        planar = len(session.view) == 1 and session.site.length
+        if self.cameras.rig is None and not planar:
+            return None
+        tracks = {view.name: self.tracks[view.name] for view in session.view}
+        return measure_intervals(tracks, session, self._measure_interval, folder=self.folder, progress=self._say)
+
+    @product()
+    def carried(self, session: Session) -> Carried:
+        """What other intervals of a long recording told; nothing where it is measured as a whole."""
+        return Carried()
+
+    @product(reads=("point.name", "point.static", "method.camera_motion"), needs=("cameras", "injected", "carried"))
     def steady(self, session: Session) -> CameraMotion:
         """Tracks without the cameras' motion that static points show, and that motion; air adds to their covariance."""
         static = [p.name for p in session.point if p.static]
-        found = steady_tracks(self.injected, self.cameras.rig, static * (session.method.camera_motion == "remove"))
+        found = steady_tracks(
+            self.injected, self.cameras.rig, static * (session.method.camera_motion == "remove"), self.carried.rest
+        )
         return replace(found, tracks=include_static_noise(found.tracks, static))
 
     @product(
         reads=(
             *("view.name", "view.time_offset_s", "view.time_offset_std_s", "view.start", "view.use_s"),
-            *("point.name", "point.static", "method.synchronization"),
+            *("point.name", "point.static", "method.synchronization", "method.still_interval_s"),
         ),
-        needs=("cameras", "steady"),
+        needs=("cameras", "steady", "carried"),
     )
     def aligned(self, session: Session) -> xr.Dataset:
-        """Tracks of all views on the reference view's clock, and what is known of each view's clock."""
+        """Tracks of all views on the reference view's clock, what is known of each view's clock, and of the origin."""
         known = self.cameras.rig if self.cameras.status == CameraStatus.OK else None
-        return synchronize_tracks(session, self.steady.tracks, known)
+        static = [p.name for p in session.point if p.static]
+        found = synchronize_tracks(session, self.steady.tracks, known)
+        return self.carried.put_into(include_origin(found, static, session.method.still_interval_s))
 
     @product(reads=("method.refinement", "method.sgr", "method.still_interval_s"), needs=("cameras", "aligned"))
     def refinement(self, session: Session) -> Refinement | None:
@@ -230,7 +249,7 @@ class Measurement(SessionChain):
             *("view.name", "point.name", "point.pixel", "point.static", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
-        needs=("cameras", "injected", "steady", "aligned", "refinement", "unrefined"),
+        needs=("intervals", "cameras", "injected", "steady", "aligned", "refinement", "unrefined", "carried"),
         kept=DISPLACEMENT,
     )
     def displacement(self, session: Session) -> xr.Dataset | None:
@@ -238,14 +257,17 @@ class Measurement(SessionChain):
 
         A single view gives motion in the image plane if a length between two of its points is known.
         """
+        if self.intervals is not None:
+            return self.intervals[0]
         rig = self.cameras.rig
         if rig is None and len(session.view) == 1 and session.site.length:
-            return measure_planar(session, self.injected[session.view[0].name])
+            return measure_planar(session, self.carried.put_into(self.injected[session.view[0].name]))
         if rig is None or self.unrefined is None:
             return None
         refined = self.unrefined
         if self.refinement is not None:
-            refined = self._triangulated(self.refinement.tracks, session, self.refinement)
+            tracks = self.carried.put_into(self.refinement.tracks, refined=True)
+            refined = self._triangulated(tracks, session, self.refinement)
         method = session.method
         refined = refined.assign_attrs(
             camera_status=self.cameras.status,
@@ -256,7 +278,7 @@ class Measurement(SessionChain):
         stated = state_uncertainty(
             refined,
             self.unrefined,
-            include_origin(self.aligned, [p.name for p in session.point if p.static], method.still_interval_s),
+            self.aligned,
             (rig, self.cameras.frame),
             self.refinement,
             method.sgr.suppressed_axis,
@@ -267,12 +289,14 @@ class Measurement(SessionChain):
 
     @product(
         reads=("view", "point", "site", "method"),
-        needs=("frames", "cameras", "tracks", "steady", "aligned", "unrefined", "displacement"),
+        needs=("intervals", "frames", "cameras", "tracks", "steady", "aligned", "unrefined", "displacement"),
     )
     def audit(self, session: Session) -> Audit | None:
         """Checks and verdict, of a single view as far as it allows; ``None`` without displacement."""
         if self.displacement is None:
             return None
+        if self.intervals is not None:
+            return self.intervals[1]
         alone = self.displacement if self.unrefined is None else self.unrefined
         inputs = AuditInputs(
             session=session,
@@ -377,6 +401,19 @@ class Measurement(SessionChain):
             found = design_subsets(self.recordings[view], points2d, missing, subset_px=subset_px)
             self._choices |= {keys[name]: choice for name, choice in zip(missing, found, strict=True)}
         return {name: self._choices[key] for name, key in keys.items()}
+
+    def _measure_interval(
+        self, session: Session, tracks: Mapping[str, xr.Dataset], carried: Carried
+    ) -> MeasuredInterval:
+        """An interval of the recording, as a recording of its own."""
+        one = Measurement(session).given(
+            frames=self.frames, cameras=self.cameras, tracks=tracks, injection=self.injection, carried=carried
+        )
+        if one.displacement is None or one.audit is None:
+            raise DatasetError("intervals: expected displacement of each, got none; see the status of the cameras")
+        aligned = None if len(session.view) == 1 else one.aligned
+        unrefined = one.displacement if one.unrefined is None else one.unrefined
+        return MeasuredInterval(one.steady.views, aligned, unrefined, one.displacement, one.audit)
 
     def _triangulated(self, tracks: xr.Dataset, session: Session, refinement: Refinement | None = None) -> xr.Dataset:
         """Displacement of synchronised tracks, refined or not."""

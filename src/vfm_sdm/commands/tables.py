@@ -1,6 +1,8 @@
 """What a command prints: short tables that can be read on a windy bank."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +19,7 @@ from vfm_sdm.measurement import Measurement
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
 from vfm_sdm.outputs.results import summarize_displacement
-from vfm_sdm.stages.audit import Audit
+from vfm_sdm.stages.audit import Audit, AuditedInterval
 from vfm_sdm.stages.audit.scale_budget import ScaleBudget, say_percent
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
@@ -46,6 +48,7 @@ __all__ = [
 _CASE_COLUMNS = 3
 _NO_LIMIT = 1e-6
 """Limit of a check below which any amount is a caution, and none is worth saying."""
+_MOST_INTERVALS = 5
 _WORTH_SAYING_S = 0.05
 _WORTH_SAYING_SHARE = 0.95
 _WORTH_NAMING, _WORTH_MEASURING = 0.05, 0.9
@@ -103,6 +106,7 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
         yield Text(f" {check.outcome}: {check.name}{shown}: {check.sentence}", style=style)
     if audit.scale is not None and audit.scale.shares:
         yield Text(f" {_describe_scale(audit.scale)}")
+    yield from _describe_intervals(audit.intervals)
     passed = sum(check.outcome is Outcome.PASS for check in audit.checks)
     colour = {Verdict.FIT: "green", Verdict.REFUSED: "red"}.get(audit.verdict, "yellow")
     named = [check.name for check in audit.flagged]
@@ -111,6 +115,20 @@ def audit_report(audit: Audit) -> Iterator[RenderableType]:
     yield Text(
         f"verdict: {audit.verdict}{reasons} ({passed} of {len(audit.checks)} checks passed)", style=f"bold {colour}"
     )
+
+
+def _describe_intervals(intervals: Sequence[AuditedInterval]) -> Iterator[Text]:
+    """How many intervals have which verdict, and when a long recording is not to be used."""
+    if not intervals:
+        return
+    counts = Counter(str(one.verdict) for one in intervals)
+    yield Text(f" intervals: {', '.join(f'{count} {verdict}' for verdict, count in counts.items())}")
+    refused = [one for one in intervals if one.verdict == Verdict.REFUSED]
+    for one in refused[:_MOST_INTERVALS]:
+        times = " to ".join(str(timedelta(seconds=round(value))) for value in (one.begin_s, one.end_s))
+        yield Text(f" do not use {times}: {one.reasons}", style="yellow")
+    if len(refused) > _MOST_INTERVALS:
+        yield Text(f" do not use {len(refused) - _MOST_INTERVALS} more, see summary.json", style="yellow")
 
 
 def _describe_scale(scale: ScaleBudget) -> str:

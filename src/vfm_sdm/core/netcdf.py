@@ -1,6 +1,5 @@
 """Labelled data to netCDF and back without loss: any dataset, ``tracks.nc`` and ``displacement.nc``."""
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -8,19 +7,22 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.arrays import time_blocks
+from vfm_sdm.core.block_files import BlockFile, time_variables
 from vfm_sdm.core.datasets import check_displacement, check_points, check_tracks
-from vfm_sdm.core.files import write_file
+from vfm_sdm.core.files import replace_file, write_file
+from vfm_sdm.core.stored import JSON, check_seal, decoded, restored, seal_file, sealed, storable, unsealed
 from vfm_sdm.errors import DatasetError, ResultsError
 
 __all__ = [
+    "open_displacement",
+    "open_tracks",
     "read_dataset",
     "read_displacement",
     "read_points",
     "read_tracks",
-    "storable",
     "write_dataset",
     "write_displacement",
     "write_points",
@@ -28,9 +30,10 @@ __all__ = [
 ]
 
 _ENGINE: Final = "h5netcdf"
-_JSON = "json:"
-_SEAL: Final = b"\nvfm-sdm sha256 "
-_DIGITS: Final = 64
+_LONG_BYTES: Final = 1 << 28
+"""Size from which on a dataset is written, and tracks are read, part by part."""
+_BLOCK: Final = 65536
+"""Frames that are in memory at a time."""
 _READ_ERRORS = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, AssertionError)
 """Errors of xarray, h5netcdf and HDF5 on files that are damaged or hold something else."""
 
@@ -61,8 +64,22 @@ def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
     {'notes': ['measured', None]}
     """
     stored = storable(dataset)
+    if stored.nbytes > _LONG_BYTES and "time" in stored.dims:
+        return _write_in_blocks(Path(path), dataset)
     content = stored.to_netcdf(engine=_ENGINE, encoding=_choose_compression(stored))
-    return write_file(path, _sealed(content))
+    return write_file(path, sealed(content))
+
+
+def _write_in_blocks(path: Path, dataset: xr.Dataset) -> Path:
+    """Writes a dataset of which only a part is in memory at a time."""
+    along = time_variables(dataset)
+    with replace_file(path) as temporary:
+        file = BlockFile(temporary)
+        for block in time_blocks(dataset.sizes["time"], size=_BLOCK):
+            file.append(dataset[along].isel(time=block).load())
+        file.finish(dataset.drop_vars(along)).close()
+        seal_file(temporary)
+    return path
 
 
 def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *, kind: str, command: str) -> xr.Dataset:
@@ -86,7 +103,7 @@ def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *,
         _open_sealed(Path(path), kind, command) as stream,
         xr.open_dataset(stream, engine=_ENGINE, decode_times=False) as dataset,
     ):
-        return check(_restore(dataset.load()))
+        return check(restored(dataset.load()))
 
 
 def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -> Path:
@@ -122,9 +139,9 @@ def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -
         if not name or "/" in name or name == ".":
             raise ResultsError(f"{target}: expected view names without slashes, got {name!r}; rename the view")
     groups = {f"/{name}": storable(check_tracks(tracks)) for name, tracks in tracks_by_view.items()}
-    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"views": _JSON + json.dumps(list(tracks_by_view))}), **groups})
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"views": JSON + json.dumps(list(tracks_by_view))}), **groups})
     encoding: dict[str, Any] = {name: _choose_compression(group) for name, group in groups.items()}
-    return write_file(target, _sealed(tree.to_netcdf(engine=_ENGINE, encoding=encoding)))
+    return write_file(target, sealed(tree.to_netcdf(engine=_ENGINE, encoding=encoding)))
 
 
 def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
@@ -150,8 +167,60 @@ def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
         _open_sealed(file, "tracks", "vfm-sdm track") as stream,
         xr.open_datatree(stream, engine=_ENGINE, decode_times=False) as tree,
     ):
-        views = _decode(tree.attrs).get("views", list(tree.children))
-        return {name: check_tracks(_restore(tree.children[name].to_dataset().load())) for name in views}
+        views = decoded(tree.attrs).get("views", list(tree.children))
+        return {name: check_tracks(restored(tree.children[name].to_dataset().load())) for name in views}
+
+
+def open_tracks(path: Path | str) -> dict[str, xr.Dataset]:
+    """Tracks by view name, as of `read_tracks`, of which only what is looked at is read; for long recordings.
+
+    Parameters
+    ----------
+    path
+        A run folder or the file itself.
+
+    Returns
+    -------
+    tracks
+        Tracks by view, shape (T, P, 2) [px]; those of a small file are in memory.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, damaged or does not hold tracks.
+    """
+    file = _find_file(path, "tracks.nc")
+    if not file.is_file() or file.stat().st_size < _LONG_BYTES:
+        return read_tracks(file)
+    with _errors_of(file, "tracks", "vfm-sdm track"):
+        check_seal(file)
+        with xr.open_datatree(file, engine=_ENGINE, decode_times=False) as tree:
+            views = decoded(tree.attrs).get("views", list(tree.children))
+        return {name: check_tracks(_open(file, f"/{name}")) for name in views}
+    raise AssertionError
+
+
+def open_displacement(path: Path | str) -> xr.Dataset:
+    """Displacement as of `read_displacement`, of which only what is looked at is read; for long recordings.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    ResultsError
+        The file is missing, damaged or does not hold displacement.
+    """
+    with _errors_of(Path(path), "displacement", "vfm-sdm measure"):
+        return check_displacement(_open(Path(path), "/"))
+    raise AssertionError
+
+
+def _open(file: Path, group: str) -> xr.Dataset:
+    # Without a cache: what was looked at once need not stay in memory.
+    return restored(xr.open_dataset(file, group=group, engine=_ENGINE, decode_times=False, cache=False))
 
 
 def write_points(folder: Path | str, points: xr.Dataset) -> Path:
@@ -254,29 +323,19 @@ def _open_sealed(file: Path, kind: str, command: str) -> Iterator[BytesIO]:
         raise ResultsError(f"{file}: expected {kind}, got no such file; check the folder or run `{command}`") from None
     except (OSError, ValueError) as error:
         raise ResultsError(f"{file}: expected {kind} that can be read, got: {error}; check the path") from error
+    with _errors_of(file, kind, command), BytesIO(unsealed(content)) as stream:
+        yield stream
+
+
+@contextmanager
+def _errors_of(file: Path, kind: str, command: str) -> Iterator[None]:
+    """Errors of reading a file become errors of the result that it should hold."""
     try:
-        with BytesIO(_unsealed(content)) as stream:
-            yield stream
+        yield
     except DatasetError as error:
         raise ResultsError(f"{file}: expected {kind}, got something else ({error}); run `{command}` again") from error
     except _READ_ERRORS as error:
         raise ResultsError(f"{file}: expected {kind}, got a damaged file ({error}); run `{command}` again") from error
-
-
-def _sealed(content: bytes | memoryview) -> bytes:
-    """A netCDF file with its SHA-256 behind its end, which readers of HDF5 do not look at."""
-    return bytes(content) + _SEAL + hashlib.sha256(content).hexdigest().encode()
-
-
-def _unsealed(content: bytes) -> bytes:
-    """The netCDF file of a sealed one; of other programs' files, which have no seal, the file as it is."""
-    inside, seal, digest = content[:-_DIGITS], content[-_DIGITS - len(_SEAL) : -_DIGITS], content[-_DIGITS:]
-    if seal != _SEAL:
-        return content
-    inside = inside[: -len(_SEAL)]
-    if hashlib.sha256(inside).hexdigest().encode() != digest:
-        raise ValueError("its content is not what was written")
-    return inside
 
 
 def _choose_compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
@@ -284,76 +343,4 @@ def _choose_compression(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
         str(name): {"zlib": True, "complevel": 1, "shuffle": True}
         for name, variable in dataset.data_vars.items()
         if variable.size > 1 and variable.dtype.kind in "iufb"
-    }
-
-
-def storable(dataset: xr.Dataset) -> xr.Dataset:
-    """A copy whose attributes netCDF can hold, without the encoding of an earlier file.
-
-    Parameters
-    ----------
-    dataset
-        Dataset with variables of any shape.
-
-    Raises
-    ------
-    ResultsError
-        An attribute cannot be stored.
-
-    Examples
-    --------
-    >>> storable(xr.Dataset(attrs={"weights": None})).attrs
-    {'weights': 'json:null'}
-    """
-    copy = dataset.drop_encoding().copy()
-    copy.attrs = _encode(dataset.attrs)
-    for name in copy.variables:
-        copy[name].attrs = _encode(dataset[name].attrs)
-    return copy
-
-
-def _restore(dataset: xr.Dataset) -> xr.Dataset:
-    copy = dataset.copy()
-    copy.attrs = _decode(copy.attrs)
-    for name in copy.variables:
-        copy[name].attrs = _decode(copy[name].attrs)
-    return copy
-
-
-def _encode(attrs: Mapping[Any, Any]) -> dict[str, Any]:
-    """Attributes as netCDF knows them: text and numbers as they are, everything else as JSON text."""
-    encoded: dict[str, Any] = {}
-    for key, value in attrs.items():
-        if (isinstance(value, str) and not value.startswith(_JSON)) or _is_native_number(value):
-            # As plain text: h5py knows no subclasses of it, such as statuses.
-            encoded[str(key)] = str(value) if isinstance(value, str) else value
-            continue
-        try:
-            encoded[str(key)] = _JSON + json.dumps(value, default=_plain)
-        except (TypeError, ValueError) as error:
-            raise ResultsError(
-                f"attribute {key!r}: expected text, a number or a list of them, got {type(value).__name__}; convert it"
-            ) from error
-    return encoded
-
-
-def _is_native_number(value: Any) -> bool:
-    if isinstance(value, np.ndarray):
-        # A single-element array would come back as a scalar.
-        return value.ndim == 1 and value.size > 1 and value.dtype.kind in "iuf"
-    if isinstance(value, int) and not isinstance(value, bool):
-        return bool(np.iinfo(np.int64).min <= value <= np.iinfo(np.int64).max)
-    return isinstance(value, float | np.integer | np.floating)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    raise TypeError(type(value).__name__)
-
-
-def _decode(attrs: Mapping[Any, Any]) -> dict[str, Any]:
-    return {
-        str(key): json.loads(value.removeprefix(_JSON)) if isinstance(value, str) and value.startswith(_JSON) else value
-        for key, value in attrs.items()
     }

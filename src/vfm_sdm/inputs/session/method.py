@@ -131,6 +131,8 @@ class Method(Entry):
     """When the structure is at rest; displacement is relative to the mean of it, else to the first frame [s]."""
     segment_s: Annotated[float, Strict(), Field(gt=0), not_below(1.0)] = 60.0
     """Nominal length of the segments in which a recording is tracked, each by itself [s]."""
+    interval_s: Annotated[float, Strict(), Field(gt=0), not_below(10.0)] = 600.0
+    """Nominal length of the intervals in which a recording is measured and judged behind tracking [s]."""
     subset_px: Annotated[int, Strict(), AfterValidator(_subset)] | None = None
     """Side of the square that a tracker compares [px]; chosen for each point by default."""
     correspondence: Annotated[str, _named("matchers")] = "registration"

@@ -11,9 +11,9 @@ from scipy.io import savemat
 from vfm_sdm.core.arrays import FloatArray, is_even_clock
 from vfm_sdm.core.datasets import STATUS_MEANINGS, check_displacement, convert_units
 from vfm_sdm.core.files import replace_file
-from vfm_sdm.core.netcdf import storable
 from vfm_sdm.core.netcdf import write_displacement as write_netcdf
 from vfm_sdm.core.registry import find
+from vfm_sdm.core.stored import storable
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.signals.clocks import ROUNDED_STAMPS
 

@@ -5,9 +5,9 @@ from math import nan
 from vfm_sdm.core.registry import find, part_names
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.stages.audit.model import BETWEEN_VIEWS, Audit, AuditCheck, AuditInputs
+from vfm_sdm.stages.audit.model import BETWEEN_VIEWS, Audit, AuditCheck, AuditedInterval, AuditInputs
 
-__all__ = ["Audit", "AuditCheck", "AuditInputs", "audit"]
+__all__ = ["Audit", "AuditCheck", "AuditInputs", "AuditedInterval", "audit"]
 
 
 def audit(inputs: AuditInputs) -> Audit:

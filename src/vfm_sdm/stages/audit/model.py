@@ -17,7 +17,17 @@ from vfm_sdm.stages.audit.scale_budget import ScaleBudget, weigh_scale
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
-__all__ = ["BETWEEN_VIEWS", "NOISE_TRUST", "REQUIRED", "Audit", "AuditCheck", "AuditInputs", "Limits", "judge"]
+__all__ = [
+    "BETWEEN_VIEWS",
+    "NOISE_TRUST",
+    "REQUIRED",
+    "Audit",
+    "AuditCheck",
+    "AuditInputs",
+    "AuditedInterval",
+    "Limits",
+    "judge",
+]
 
 T = TypeVar("T")
 
@@ -83,6 +93,26 @@ class AuditCheck:
 
 
 @dataclass(frozen=True)
+class AuditedInterval:
+    """Verdict on a part of a long recording.
+
+    Parameters
+    ----------
+    begin_s, end_s
+        The part, on the reference view's clock [s].
+    verdict
+        Its verdict; not judged where nothing moved.
+    reasons
+        Sentences of the checks that did not pass.
+    """
+
+    begin_s: float
+    end_s: float
+    verdict: Verdict
+    reasons: str
+
+
+@dataclass(frozen=True)
 class Audit:
     """All checks of one measurement and their verdict.
 
@@ -98,6 +128,8 @@ class Audit:
         Number of views that were measured with.
     scale
         How well the scale is known, and by what; ``None`` where nobody knows, and of a single view.
+    intervals
+        Verdicts on the parts of a long recording; empty for one that was judged as a whole.
 
     Examples
     --------
@@ -109,6 +141,7 @@ class Audit:
     checks: tuple[AuditCheck, ...]
     views: int = 2
     scale: ScaleBudget | None = None
+    intervals: tuple[AuditedInterval, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -140,7 +173,10 @@ class Audit:
         for check in self.checks:
             row = {"figure" if name == "value" else name: value for name, value in asdict(check).items()}
             rows.append({**row, "outcome": str(check.outcome)})
-        return {"verdict": str(self.verdict), "checks": rows}
+        table: dict[str, Any] = {"verdict": str(self.verdict), "checks": rows}
+        if self.intervals:
+            table["intervals"] = [{**asdict(one), "verdict": str(one.verdict)} for one in self.intervals]
+        return table
 
     def __getitem__(self, name: str) -> AuditCheck:
         """The check of this name."""

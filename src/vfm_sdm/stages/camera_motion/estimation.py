@@ -168,7 +168,9 @@ def compute_motion_jacobian(camera: Camera, points3d: FloatArray) -> FloatArray:
     return np.asarray(lens @ np.concatenate([by_rotation, by_translation], axis=-1))
 
 
-def fit_motion(position: FloatArray, covariance: FloatArray, jacobian: FloatArray) -> MotionModel:
+def fit_motion(
+    position: FloatArray, covariance: FloatArray, jacobian: FloatArray, rest: FloatArray | None = None
+) -> MotionModel:
     """What explains how static points shift: how much a camera moves, and where they are when it rests.
 
     Parameters
@@ -179,6 +181,9 @@ def fit_motion(position: FloatArray, covariance: FloatArray, jacobian: FloatArra
         Covariance of the pixels, shape (T, S, 2, 2) [px2], see `replace_doubtful`.
     jacobian
         Result of `compute_motion_jacobian` for the static points, shape (S, 2, 6) [px/rad, px/m].
+    rest
+        Pixels of the static points with the camera at rest, shape (S, 2) [px], where an earlier part of the recording
+        told them: the motion is relative to those. NaN, or ``None``, where these frames have to tell.
 
     Notes
     -----
@@ -204,7 +209,10 @@ def fit_motion(position: FloatArray, covariance: FloatArray, jacobian: FloatArra
     """
     seen = np.asarray(np.isfinite(position).all(axis=-1))
     slope = jacobian * np.repeat([1.0, LEVER_ARM_M], 3)
-    model = MotionModel(slope, mean_of_known(position, seen[..., None]), -1.0, 0.0, 1.0)
+    given = np.full(position.shape[1:], np.nan) if rest is None else rest
+    free = np.asarray(np.isnan(given).any(axis=1))
+    start = np.where(free[:, None], mean_of_known(position, seen[..., None]), given)
+    model = MotionModel(slope, start, -1.0, 0.0, 1.0)
     for _ in range(_ROUNDS):
         modes = [
             _Equations.of(model, position[block], covariance[block]).modes() for block in time_blocks(len(position))
@@ -214,12 +222,12 @@ def fit_motion(position: FloatArray, covariance: FloatArray, jacobian: FloatArra
         model = replace(model, unsteadiness_rad=spread, likelihood_ratio=ratio)
         if settled:
             break
-        model = _improve(model, position, covariance)
+        model = _improve(model, position, covariance, free)
     return model
 
 
-def _improve(model: MotionModel, position: FloatArray, covariance: FloatArray) -> MotionModel:
-    """The model with the pixels at rest and the noise that its motion leaves."""
+def _improve(model: MotionModel, position: FloatArray, covariance: FloatArray, free: BoolArray) -> MotionModel:
+    """The model with the pixels at rest of the free points (S,) and the noise that its motion leaves."""
     points = len(model.rest)
     normal, right = np.zeros((points, 2, points, 2)), np.zeros((points, 2))
     used, squares, samples = 0.0, 0.0, 0
@@ -235,8 +243,10 @@ def _improve(model: MotionModel, position: FloatArray, covariance: FloatArray) -
         squares += float(np.einsum("tpi,tpij,tpj->", residual, weight, residual))
         used += float(np.einsum("tpab,tba->", one.normal, z_covariance))
         samples += int(one.seen.sum())
-    correction = np.linalg.solve(normal.reshape(2 * points, 2 * points), right.ravel()).reshape(points, 2)
-    spare = 2 * samples - used - 2 * points
+    correction, unknowns = np.zeros((points, 2)), 2 * int(free.sum())
+    of_free = normal[free][:, :, free].reshape(unknowns, unknowns)
+    correction[free] = np.linalg.solve(of_free, right[free].ravel()).reshape(-1, 2)
+    spare = 2 * samples - used - unknowns
     factor = squares / spare if spare >= _FEWEST_SPARE else 1.0
     return replace(model, rest=model.rest + correction, noise_factor=factor)
 

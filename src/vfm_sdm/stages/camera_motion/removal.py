@@ -27,6 +27,7 @@ _SIGNIFICANT = 20.0
 """Likelihood ratio that a still camera reaches once in 10^5 recordings (chi-square with one degree of freedom)."""
 _PREDICTED = 0.75
 """Share of the static points' slow shifts that the others must predict; by chance, two that drift agree by half."""
+_UNKNOWN_REST = np.full(2, np.nan)
 _CLEAR = 5.0
 _CLEAR_PX = 0.1
 """Multiples of their noise, and of a drift, that the shifts of a single static point must exceed: nothing checks it."""
@@ -50,6 +51,8 @@ class ViewMotion:
     point_rms_before_px, point_rms_after_px
         Root mean square shift of each static point from its mean, shape (S,) [px]: as tracked, and less what the other
         static points predict. NaN for a single point.
+    rest
+        Pixels of the static points with the camera at rest, shape (S, 2) [px].
     """
 
     status: str
@@ -60,6 +63,7 @@ class ViewMotion:
     translation_std: FloatArray
     point_rms_before_px: FloatArray
     point_rms_after_px: FloatArray
+    rest: FloatArray
 
     @property
     def applied(self) -> bool:
@@ -94,7 +98,12 @@ class CameraMotion:
     views: Mapping[str, ViewMotion]
 
 
-def steady_tracks(tracks: Mapping[str, xr.Dataset], rig: Rig | None, static: Sequence[str]) -> CameraMotion:
+def steady_tracks(
+    tracks: Mapping[str, xr.Dataset],
+    rig: Rig | None,
+    static: Sequence[str],
+    rest: Mapping[str, Mapping[str, FloatArray]] | None = None,
+) -> CameraMotion:
     """As `remove_camera_motion`, and the tracks as they are where nothing can show the cameras' motion.
 
     Parameters
@@ -105,13 +114,20 @@ def steady_tracks(tracks: Mapping[str, xr.Dataset], rig: Rig | None, static: Seq
         Cameras; without metres, depths of points are unknown and nothing is removed.
     static
         Names of the points that must not move; without any, nothing is removed.
+    rest
+        See `remove_camera_motion` [px].
     """
     if not static or rig is None or not rig.metric:
         return CameraMotion(tracks, {})
-    return remove_camera_motion(tracks, rig, static)
+    return remove_camera_motion(tracks, rig, static, rest)
 
 
-def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[str]) -> CameraMotion:
+def remove_camera_motion(
+    tracks: Mapping[str, xr.Dataset],
+    rig: Rig,
+    static: Sequence[str],
+    rest: Mapping[str, Mapping[str, FloatArray]] | None = None,
+) -> CameraMotion:
     """Tracks as cameras that stand still would have seen them.
 
     Parameters
@@ -124,6 +140,9 @@ def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Seq
     static
         Names of points that do not move. Three or more, far apart in the picture and at several depths,
         determine the motion; with two, roll and translation lean on the prior; with one, they come from it alone.
+    rest
+        Pixels of static points (2,) by view and point with the cameras at rest, where an earlier part of the recording
+        told them [px]: motion is relative to those, so that it goes on where that of the earlier part ended.
 
     Returns
     -------
@@ -152,8 +171,7 @@ def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Seq
     """
     names = _check_inputs(tracks, rig, static)
     positions = {view: trusted_values(tracks[view], "position") for view in rig.names}
-    rest = np.stack([mean_of_known(positions[view]) for view in rig.names])
-    points3d = triangulate(rest, rig)
+    points3d = triangulate(np.stack([mean_of_known(positions[view]) for view in rig.names]), rig)
     points3d = np.where(in_front_of_all(points3d, rig)[:, None], points3d, np.nan)
     usable = [names.index(name) for name in static if np.isfinite(points3d[names.index(name)]).all()]
     corrected, views = {}, {}
@@ -161,7 +179,9 @@ def remove_camera_motion(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Seq
         jacobian = compute_motion_jacobian(camera, points3d)
         # A point that other views alone see says nothing of this camera.
         seen_here = [index for index in usable if np.isfinite(positions[view][:, index]).any()]
-        corrected[view], views[view] = _remove_from_view(tracks[view], positions[view], jacobian, seen_here)
+        given = (rest or {}).get(view, {})
+        at_rest = np.array([given.get(names[index], _UNKNOWN_REST) for index in seen_here]).reshape(-1, 2)
+        corrected[view], views[view] = _remove_from_view(tracks[view], positions[view], jacobian, seen_here, at_rest)
     return CameraMotion({view: corrected[view] for view in tracks}, {view: views[view] for view in tracks})
 
 
@@ -183,17 +203,18 @@ def _check_inputs(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[s
 
 
 def _remove_from_view(
-    tracks: xr.Dataset, position: FloatArray, jacobian: FloatArray, usable: Sequence[int]
+    tracks: xr.Dataset, position: FloatArray, jacobian: FloatArray, usable: Sequence[int], rest: FloatArray
 ) -> tuple[xr.Dataset, ViewMotion]:
-    """Tracks of one view without its camera's motion, and that motion."""
+    """Tracks of one view without its camera's motion, and that motion; what is known of the rest has shape (S, 2)."""
     frames = len(position)
     if not usable:
         nothing = np.full((frames, 3), np.nan)
         empty = np.zeros(0)
-        return tracks, ViewMotion(CameraMotionStatus.NO_POINTS, (), nothing, nothing, nothing, nothing, empty, empty)
+        unmoved = (nothing, nothing, nothing, nothing, empty, empty, rest)
+        return tracks, ViewMotion(CameraMotionStatus.NO_POINTS, (), *unmoved)
     seen = np.asarray(np.isfinite(position[:, usable]).all(axis=-1))
     covariance = replace_doubtful(tracks["position_covariance"].values[:, usable], position[:, usable])
-    model = fit_motion(position[:, usable], covariance, jacobian[usable])
+    model = fit_motion(position[:, usable], covariance, jacobian[usable], rest)
     parts = [
         _MotionSeries.of(model.estimate(position[block][:, usable], covariance[block]), jacobian[usable])
         for block in time_blocks(frames)
@@ -216,7 +237,8 @@ def _remove_from_view(
     found = np.asarray(seen.any(axis=1))[:, None]
     motion, std = (np.where(found, one, np.nan) for one in (series.motion, series.std))
     static = tuple(str(tracks["point"].values[index]) for index in usable)
-    view = ViewMotion(status, static, motion[:, :3], std[:, :3], motion[:, 3:], std[:, 3:], before, after)
+    series_of = (motion[:, :3], std[:, :3], motion[:, 3:], std[:, 3:])
+    view = ViewMotion(status, static, *series_of, before, after, model.rest)
     if not view.applied:
         return tracks, view
     return _subtract_motion(tracks, jacobian, usable, (model, position[:, usable], covariance)), view

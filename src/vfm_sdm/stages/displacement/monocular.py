@@ -10,7 +10,7 @@ from vfm_sdm.core.datasets import DisplacementArrays, check_tracks, make_displac
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.displacement.edges import OPEN_SHARE, UNKNOWN_MOTION_M
-from vfm_sdm.stages.displacement.stereo import find_origin
+from vfm_sdm.stages.displacement.stereo import find_origin, keep_origin
 
 __all__ = ["PLANE_AXES", "compute_planar_displacement", "measure_planar", "scale_factor"]
 
@@ -81,7 +81,8 @@ def compute_planar_displacement(
     Parameters
     ----------
     tracks
-        Tracks of one view, shape (T, P, 2) [px].
+        Tracks of one view, shape (T, P, 2) [px]; with ``origin`` (point, axis) [px] where an earlier part of the
+        recording told the places that displacement is relative to.
     mm_per_px
         Scale factor of a known length beside the points, see `scale_factor` [mm/px].
     scale_std
@@ -93,7 +94,8 @@ def compute_planar_displacement(
     Returns
     -------
     displacement
-        Displacement along the axes ``right`` and ``down`` of the picture, shape (T, P, 2) [mm].
+        Displacement along the axes ``right`` and ``down`` of the picture, shape (T, P, 2) [mm], with its ``origin``
+        (point, axis) [px].
 
     Raises
     ------
@@ -122,12 +124,12 @@ def compute_planar_displacement(
         raise DatasetError(f"mm_per_px: expected a positive factor, got {mm_per_px}; use scale_factor")
     position = tracks["position"].values
     valid = np.isfinite(position).all(axis=2)
-    origin = find_origin(position, valid, tracks["time"].values, still_interval_s)
+    origin = keep_origin(tracks, find_origin(position, valid, tracks["time"].values, still_interval_s))
     variance = _find_variance(tracks, UNKNOWN_MOTION_M * 1e3 / mm_per_px)
     not_measured = find_edges(tracks)[:, None] & np.isnan(variance)
     moved = np.where(not_measured, np.nan, position - origin)
     frames, points, axes = position.shape
-    return make_displacement(
+    displacement = make_displacement(
         tracks["time"].values,
         [str(p) for p in tracks["point"].values],
         PLANE_AXES,
@@ -145,6 +147,7 @@ def compute_planar_displacement(
             "relative_to": "first valid sample" if still_interval_s is None else "mean of the still interval",
         },
     )
+    return displacement.assign(origin=(("point", "axis"), origin, {"units": "px"}))
 
 
 def _find_variance(tracks: xr.Dataset, unknown_px: float) -> FloatArray:

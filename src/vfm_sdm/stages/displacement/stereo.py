@@ -34,7 +34,7 @@ from vfm_sdm.geometry.visibility import Sightings, see_points
 from vfm_sdm.signals.clocks import still_frames
 from vfm_sdm.stages.displacement.edges import SolvedEdges, solve_edges, state_prior
 
-__all__ = ["compute_displacement", "find_origin"]
+__all__ = ["compute_displacement", "find_origin", "keep_origin"]
 
 _MM_PER_M = 1e3
 _UNKNOWN_PLACE_PX = 1.0
@@ -56,7 +56,8 @@ def compute_displacement(
     ----------
     tracks
         Tracks with a dim ``view``, in the order of the rig's cameras, on one clock, shape (V, T, P, 2) [px]; with
-        ``place_std`` (view, point, pixel) [px] where it is known how well the points were placed.
+        ``place_std`` (view, point, pixel) [px] where it is known how well the points were placed, and with ``origin``
+        (point, axis) [m] where an earlier part of the recording told the positions that displacement is relative to.
     rig
         Metric cameras.
     frame
@@ -75,7 +76,8 @@ def compute_displacement(
     Returns
     -------
     displacement
-        Displacement dataset, shape (T, P, 3) [mm], with the gains and sensitivities of the notes.
+        Displacement dataset, shape (T, P, 3) [mm], with its ``origin`` (point, axis) [m], and with the gains and
+        sensitivities of the notes.
 
     Raises
     ------
@@ -143,7 +145,8 @@ def compute_displacement(
     if refined is not None:
         linear = linear.refined(refined)
     variance = _compute_random_variance(linear.jacobian, sight, tracks["position_covariance"].values)
-    values = position - find_origin(position, valid, time_s, still_interval_s)
+    origin = keep_origin(tracks, find_origin(position, valid, time_s, still_interval_s))
+    values = position - origin
     error = compute_reprojection_error(
         points3d, np.where(sight.used[..., None], tracks["position"].values, np.nan), rig
     )
@@ -169,6 +172,7 @@ def compute_displacement(
             "relative_to": "first valid sample" if still_interval_s is None else "mean of the still interval",
         },
     )
+    displacement = displacement.assign(origin=(("point", "axis"), origin, {"units": "m"}))
     if "refined_view" in tracks:
         displacement = displacement.assign(refined_view=("point", tracks["refined_view"].values))
     return _add_gains(displacement, linear, sight, names)
@@ -352,6 +356,22 @@ def _combine_status(status: IntArray, sight: Sightings, behind: BoolArray) -> In
     apart = enough & (used & ~sight.linked[:, None]).any(axis=0)
     combined = np.where(apart & (combined == Status.OK), Status.UNRELIABLE, combined)
     return np.where(behind, Status.BEHIND, combined)
+
+
+def keep_origin(tracks: xr.Dataset, found: FloatArray) -> FloatArray:
+    """Positions that displacement is relative to: those of an earlier part of the recording, where it told them.
+
+    Parameters
+    ----------
+    tracks
+        Tracks, with ``origin`` (point, axis) where there was an earlier part; NaN for points that it did not tell.
+    found
+        Result of `find_origin`, shape (P, n), in the unit of ``origin``.
+    """
+    if "origin" not in tracks:
+        return found
+    known = tracks["origin"].transpose("point", "axis").values
+    return np.where(np.isfinite(known), known, found)
 
 
 def find_origin(

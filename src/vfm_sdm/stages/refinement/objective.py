@@ -7,7 +7,7 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["Objective", "SgrWeights", "make_objective"]
+__all__ = ["Baseline", "Objective", "SgrWeights", "make_objective"]
 
 _RESOLUTION_PX = 1e-3
 """Least motion that counts as a scale: no tracker resolves less."""
@@ -46,6 +46,41 @@ class SgrWeights:
         weights = {f.name: getattr(self, f.name) for f in fields(self)}
         if not all(np.isfinite(w) and w >= 0 for w in weights.values()) or self.pixel == 0:
             raise DatasetError(f"weights: expected finite values >= 0 and pixel > 0, got {weights}; correct them")
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """Triangulation of P points in T frames without correction.
+
+    Parameters
+    ----------
+    position, slope
+        Positions along the axes (suppressed, other, other), and their change with the pixel coordinate that is refined,
+        shape (3, P, T) [m, m/px].
+    valid, reference
+        Samples that take part, and those whose mean is the origin of displacement, shape (P, T).
+    origin
+        Positions that displacement is relative to instead, shape (3, P) [m]; NaN where those samples tell.
+    """
+
+    position: FloatArray
+    slope: FloatArray
+    valid: BoolArray
+    reference: BoolArray
+    origin: FloatArray | None = None
+
+    def of(self, chosen: BoolArray) -> "Baseline":
+        """The chosen points alone, from shape (P,)."""
+        origin = None if self.origin is None else self.origin[:, chosen]
+        position, slope = self.position[:, chosen], self.slope[:, chosen]
+        return Baseline(position, slope, self.valid[chosen], self.reference[chosen], origin)
+
+    def displacement(self) -> FloatArray:
+        """Positions relative to the origin, shape (3, P, T) [m]."""
+        found = _mean(self.position, self.reference)
+        if self.origin is not None:
+            found = np.where(np.isfinite(self.origin), self.origin, found)
+        return self.position - found[..., None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +143,7 @@ class Objective:
         >>> motion = np.stack([0.001 * np.cos(31 * time), 0.002 * np.sin(9 * time), 0.005 * np.sin(9 * time)])[:, None]
         >>> slope, valid = np.full((3, 1, 200), 0.004), np.ones((1, 200), dtype=bool)
         >>> pixel = 100 + 3 * motion[0] / 0.004
-        >>> objective = make_objective(motion, slope, pixel, valid, origin=valid, weights=SgrWeights())
+        >>> objective = make_objective(Baseline(motion, slope, valid, valid), pixel, SgrWeights())
         >>> without, half = np.zeros((1, 200)), motion.copy()
         >>> half[0] /= 2
         >>> bool(objective.cost(half, without)[0] < objective.cost(motion, without)[0])
@@ -154,29 +189,15 @@ class Objective:
         return gradient, diagonal, beside
 
 
-def make_objective(
-    position: FloatArray,
-    slope: FloatArray,
-    pixel: FloatArray,
-    valid: BoolArray,
-    *,
-    origin: BoolArray,
-    weights: SgrWeights,
-) -> Objective:
+def make_objective(baseline: Baseline, pixel: FloatArray, weights: SgrWeights) -> Objective:
     """The objective around a baseline triangulation.
 
     Parameters
     ----------
-    position
-        Baseline positions along the axes (suppressed, other, other), shape (3, P, T) [m].
-    slope
-        Their change with the pixel coordinate that is refined, shape (3, P, T) [m/px].
+    baseline
+        The triangulation; each point has an origin, or a sample of reference.
     pixel
         The pixel coordinate that is refined, shape (P, T) [px].
-    valid
-        Samples that take part, shape (P, T).
-    origin
-        Samples whose mean is the origin of displacement, shape (P, T); at least one for each point.
     weights
         Weights of the terms.
 
@@ -194,15 +215,17 @@ def make_objective(
     >>> motion = np.stack([0.001 * np.cos(31 * time), 0.002 * np.sin(9 * time), 0.005 * np.sin(9 * time)])[:, None]
     >>> slope, valid = np.full((3, 1, 200), 0.004), np.ones((1, 200), dtype=bool)
     >>> pixel = 100 + 3 * motion[0] / 0.004
-    >>> objective = make_objective(motion, slope, pixel, valid, origin=valid, weights=SgrWeights())
+    >>> objective = make_objective(Baseline(motion, slope, valid, valid), pixel, SgrWeights())
     >>> objective.target.shape, objective.level.shape
     ((3, 1, 200), (3, 1, 1))
     """
-    displacement = position - _mean(position, origin)[..., None]
+    slope, valid, displacement = baseline.slope, baseline.valid, baseline.displacement()
+    # Without samples of reference, of a later part of a recording, the pixel's own mean will do for its scale.
+    rest = np.where(baseline.reference.any(axis=1, keepdims=True), baseline.reference, valid)
     level = np.where(valid, displacement, 0.0)
     linked = valid[:, 1:] & valid[:, :-1]
     rate = np.where(linked, np.diff(level), 0.0)
-    motion = np.where(valid, pixel - _mean(pixel, origin)[:, None], 0.0)
+    motion = np.where(valid, pixel - _mean(pixel, rest)[:, None], 0.0)
     samples, pairs = valid.sum(axis=1), np.maximum(linked.sum(axis=1), 1)
 
     least = (_RESOLUTION_PX**2 * np.einsum("apt,apt->p", slope, slope) / samples)[None]
@@ -210,7 +233,7 @@ def make_objective(
     rate_square = np.maximum(_sum_by_term(np.einsum("apt,apt->ap", rate, rate) / pairs), least)
     pixel_square = np.maximum(np.einsum("pt,pt->p", motion, motion) / samples, _RESOLUTION_PX**2)
 
-    target = position.copy()
+    target = baseline.position.copy()
     target[0] -= displacement[0]
     return Objective(
         target,
@@ -229,5 +252,5 @@ def _sum_by_term(squares: FloatArray) -> FloatArray:
 
 
 def _mean(values: FloatArray, chosen: BoolArray) -> FloatArray:
-    """Mean over the chosen samples, (..., P, T) to (..., P)."""
-    return np.asarray(np.where(chosen, values, 0.0).sum(axis=-1) / chosen.sum(axis=-1))
+    """Mean over the chosen samples, (..., P, T) to (..., P); 0 without any."""
+    return np.asarray(np.where(chosen, values, 0.0).sum(axis=-1) / np.maximum(chosen.sum(axis=-1), 1))

@@ -18,7 +18,8 @@ from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.visibility import Sightings, see_points, typical_std
 from vfm_sdm.signals.clocks import still_frames
 from vfm_sdm.stages.refinement.model import Refinement, SgrSettings
-from vfm_sdm.stages.refinement.solver import Baseline, PointTriangulation, find_minimum
+from vfm_sdm.stages.refinement.objective import Baseline
+from vfm_sdm.stages.refinement.solver import PointTriangulation, find_minimum
 
 __all__ = ["refine"]
 
@@ -40,7 +41,9 @@ def refine(
     Parameters
     ----------
     tracks
-        Tracks with a dim ``view`` of two views or more, in the order of the rig's cameras, on one clock.
+        Tracks with a dim ``view`` of two views or more, in the order of the rig's cameras, on one clock; with
+        ``origin`` (point, axis) [m] where an earlier part of the recording told the positions that displacement is
+        relative to.
     rig
         Their cameras; they stay fixed.
     frame
@@ -108,7 +111,8 @@ def refine(
     covariance = tracks.variables["position_covariance"].values
     trusted = tracks.variables["status"].values == Status.OK
     sight = see_points(tracks.variables["position"].values, covariance, trusted, rig)
-    task = _Task(sight, rig, frame, still, chosen)
+    origin = tracks["origin"].transpose("point", "axis").values if "origin" in tracks else None
+    task = _Task(sight, rig, frame, still, chosen, origin)
     view, status = _choose_views(covariance, names, task)
     edge = find_edges(tracks)
     view, status = np.where(edge, -1, view), np.where(edge, RefinementStatus.EDGE, status)
@@ -131,13 +135,17 @@ def refine(
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What all points share: their pixels, the cameras and axes, the frames at rest (T,) or ``None``, the settings."""
+    """What all points share: their pixels, the cameras and axes, the frames at rest (T,) or ``None``, the settings.
+
+    ``origin`` (P, 3) [m] is where displacement is relative to, along the axes, where an earlier part told it.
+    """
 
     sight: Sightings
     rig: Rig
     frame: StructureFrame
     still: BoolArray | None
     settings: SgrSettings
+    origin: FloatArray | None = None
 
     @property
     def order(self) -> list[int]:
@@ -271,13 +279,14 @@ def _refine_points(task: _Task, members: IntArray, view: int, result: _Result) -
     position, slope = triangulation(np.zeros(triangulation.shape))
     valid = np.asarray((np.isfinite(position) & np.isfinite(slope)).all(axis=0))
     reference = valid & (np.cumsum(valid, axis=1) == 1 if task.still is None else task.still)
-    few, moving = valid.sum(axis=1) < _MIN_FRAMES, ~reference.any(axis=1)
+    known = np.full((3, len(members)), np.nan) if task.origin is None else task.origin[members][:, task.order].T
+    few, moving = valid.sum(axis=1) < _MIN_FRAMES, ~(reference.any(axis=1) | np.isfinite(known).all(axis=0))
     result.status[members[moving]] = RefinementStatus.NO_STILL_FRAMES
     result.status[members[few]] = RefinementStatus.TOO_FEW_FRAMES
     usable = ~(few | moving)
     if not usable.any():
         return
-    baseline = Baseline(position, slope, valid, reference)
+    baseline = Baseline(position, slope, valid, reference, known)
     if not usable.all():
         members, baseline = members[usable], baseline.of(usable)
         triangulation = triangulation_of(members)

@@ -1,6 +1,6 @@
 """Gauss-Newton iteration of the refinement, for many points of one uncertain view at a time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -8,9 +8,9 @@ from scipy.linalg import solveh_banded
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import triangulate_with_slope, view_equations
-from vfm_sdm.stages.refinement.objective import Objective, SgrWeights, make_objective
+from vfm_sdm.stages.refinement.objective import Baseline, Objective, SgrWeights, make_objective
 
-__all__ = ["Baseline", "Minimum", "PointTriangulation", "find_minimum"]
+__all__ = ["Minimum", "PointTriangulation", "find_minimum"]
 
 _STEP_TOLERANCE_PX = 1e-3
 """Convergence is quadratic: after a step of this size about a thousandth of its square is left."""
@@ -99,28 +99,6 @@ class PointTriangulation:
         return (self._axes @ points3d).reshape(3, *self.shape), (self._axes @ slope).reshape(3, *self.shape)
 
 
-@dataclass(frozen=True, eq=False)
-class Baseline:
-    """Triangulation of P points in T frames without correction.
-
-    Parameters
-    ----------
-    position, slope
-        Positions along the axes of the objective and their change with u, shape (3, P, T).
-    valid, reference
-        Samples that take part, and those whose mean is the origin of displacement, shape (P, T).
-    """
-
-    position: FloatArray
-    slope: FloatArray
-    valid: BoolArray
-    reference: BoolArray
-
-    def of(self, chosen: BoolArray) -> "Baseline":
-        """The chosen points alone, from shape (P,)."""
-        return Baseline(self.position[:, chosen], self.slope[:, chosen], self.valid[chosen], self.reference[chosen])
-
-
 def find_minimum(
     triangulation: PointTriangulation, baseline: Baseline, weights: SgrWeights, *, max_iterations: int
 ) -> Minimum:
@@ -142,7 +120,7 @@ def find_minimum(
     """
     position, valid = baseline.position, baseline.valid
     slope = np.where(valid, baseline.slope, 0.0)
-    objective = make_objective(position, slope, triangulation.u, valid, origin=baseline.reference, weights=weights)
+    objective = make_objective(replace(baseline, slope=slope), triangulation.u, weights)
     direction = _compute_lost_motion(objective, slope)
     correction = np.zeros(triangulation.shape)
     cost = objective.cost(position, correction)

@@ -16,7 +16,6 @@ from vfm_sdm.inputs.session import Session, read_session
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.outputs.results.kept import CAMERAS, INJECTION, TRACKS
 from vfm_sdm.stages.cameras.solution import read_solution
-from vfm_sdm.stages.displacement.origin import include_origin
 from vfm_sdm.stages.tracking.injection.views import read_injection
 
 __all__ = ["KEYED", "read_budget_model", "read_keys", "read_measurement", "read_session_of"]
@@ -131,13 +130,10 @@ def read_budget_model(folder: Path | str) -> BudgetModel:
         raise ResultsError(
             f"{folder}: expected displacement of two views or more, got none ({cameras.status}); a budget needs cameras"
         )
-    session = measurement.session
-    static = [point.name for point in session.point if point.static]
-    tracks = include_origin(measurement.aligned, static, session.method.still_interval_s)
     return BudgetModel(
         displacement=displacement,
         unrefined=unrefined,
-        tracks=tracks.assign(place_std=cameras.points["position_std"]),
+        tracks=measurement.aligned.assign(place_std=cameras.points["position_std"]),
         rig=cameras.rig,
         rotation=np.eye(3) if cameras.frame is None else cameras.frame.rotation,
         covariance=cameras.covariance,

@@ -310,7 +310,8 @@ def test_air_that_moves_static_points_one_by_one_is_no_tripod(status, outcome):
         views[view] = shaken
     steady = aligned(*include_static_noise(views, ["wall", "pier"]).values())
     nothing = np.full((FRAMES, 3), np.nan)
-    motion = ViewMotion(status, ("wall", "pier"), nothing, nothing, nothing, nothing, np.full(2, 0.5), np.full(2, 0.5))
+    rms_px, rest = np.full(2, 0.5), np.zeros((2, 2))
+    motion = ViewMotion(status, ("wall", "pier"), nothing, nothing, nothing, nothing, rms_px, rms_px, rest)
     found = check_camera_motion(
         AuditInputs(session=both, tracks=views, aligned=steady, camera_motion={"left": motion, "right": motion})
     )
