@@ -15,7 +15,16 @@ import numpy as np
 
 from vfm_sdm.errors import ResultsError
 
-__all__ = ["csv_text", "file_fingerprint", "file_hash", "remove_orphans", "replace_file", "write_file", "write_json"]
+__all__ = [
+    "csv_text",
+    "file_fingerprint",
+    "file_hash",
+    "match_files",
+    "remove_orphans",
+    "replace_file",
+    "write_file",
+    "write_json",
+]
 
 _BLOCK_BYTES = 1 << 20
 _WHOLE_BYTES = 16 << 20
@@ -97,6 +106,32 @@ def write_file(path: Path | str, content: bytes | memoryview | str) -> Path:
             f"{target}: expected to write it, got: {reason}; choose another folder, or free space"
         ) from error
     return target
+
+
+def match_files(pattern: Path | str) -> list[Path]:
+    """Files that match a pattern, of which the folders and names that are there stand for themselves.
+
+    Parameters
+    ----------
+    pattern
+        Path with ``*``, ``?``, ``[...]`` and, for folders of any depth, ``**``.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     Path(folder, "visit [2]").mkdir()
+    ...     Path(folder, "visit [2]", "a.toml").touch()
+    ...     print([path.name for path in match_files(f"{folder}/visit [2]/*.toml")])
+    ['a.toml']
+    """
+    parts = Path(pattern).parts
+    folder = Path()
+    # The name of a folder may hold brackets.
+    while parts and (folder / parts[0]).exists():
+        folder, parts = folder / parts[0], parts[1:]
+    matches = folder.glob(str(Path(*parts))) if parts else [folder]
+    return [path for path in matches if path.is_file()]
 
 
 def remove_orphans(folder: Path | str) -> list[str]:

@@ -163,6 +163,7 @@ def test_a_polite_kill_ends_and_a_second_interrupts():
 
 
 def test_a_changing_table_only_on_a_terminal(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")  # one that can change what it shows
     for terminal in (True, False):
         console = Console(markup=False, width=80, height=40, force_terminal=terminal, color_system=None)
         monkeypatch.setattr(module, "_out", console)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.core.files import match_files
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.cuts import Cut
@@ -202,13 +203,8 @@ def find_files(pattern: str, kind: str) -> list[Path]:
     VideoError
         No file matches.
     """
-    parts = Path(pattern).parts
-    folder = Path()
-    while parts and (folder / parts[0]).exists():
-        folder, parts = folder / parts[0], parts[1:]
-    matches = folder.glob(str(Path(*parts))) if parts else [folder]
     # Hidden files are an operating system's, not a camera's ("._0001.jpg").
-    files = sorted((path for path in matches if path.is_file() and path.name[0] != "."), key=_natural_key)
+    files = sorted((path for path in match_files(pattern) if path.name[0] != "."), key=_natural_key)
     if not files:
         raise VideoError(
             f"{pattern}: expected {kind} files, got no match; check the folder and the pattern (such as left/*.jpg)"

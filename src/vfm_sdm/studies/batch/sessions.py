@@ -1,9 +1,9 @@
 """Which session files a batch measures, and what their run folders are called."""
 
 from collections.abc import Iterable
-from glob import glob
 from pathlib import Path
 
+from vfm_sdm.core.files import match_files
 from vfm_sdm.errors import SessionError
 
 __all__ = ["find_sessions"]
@@ -31,8 +31,7 @@ def find_sessions(named: Iterable[Path | str]) -> dict[str, Path]:
     """
     files: dict[Path, Path] = {}
     for one in named:
-        # A file's own name may hold brackets.
-        found = [Path(one)] if Path(one).exists() else [Path(path) for path in glob(str(one), recursive=True)]
+        found = match_files(one)
         if not found:
             raise SessionError(f"{one}: expected session files, got no match; correct the path or pattern")
         files |= {path.resolve(): path for path in found}
