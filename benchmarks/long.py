@@ -3,7 +3,8 @@
 A rendered piece of a stereo pair (1920 x 1080 px, 30 frames a second, H.264) is looped by copying its packets: the
 motion begins and ends at rest, so that the truth is exact over the joints. Decoding and measuring alternate, in
 processes of their own. ``--scaling`` tracks the same films in one piece, in segments, by one and two processes and by
-a Dask cluster of two, whose results must be the same bytes.
+a Dask cluster of two, whose results must be the same bytes. ``--day`` measures hours of simulated tracks of ten points,
+with traffic and quiet times, a settling tripod and a drifting clock, through everything behind tracking.
 """
 
 import argparse
@@ -23,13 +24,25 @@ from pathlib import Path
 
 import av
 import numpy as np
+import xarray as xr
 
-from vfm_sdm.core.netcdf import read_displacement
-from vfm_sdm.inputs.session import read_session, write_session
-from vfm_sdm.studies.synthetic.field_test import demo_plan, make_field_test
-from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
-from vfm_sdm.studies.synthetic.motion import ModalMotion, Mode
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
 
+from measurements import Simulated, simulate  # noqa: E402
+from vfm_sdm.core.arrays import time_blocks  # noqa: E402
+from vfm_sdm.core.block_files import BlockFile, time_variables  # noqa: E402
+from vfm_sdm.core.datasets import make_tracks  # noqa: E402
+from vfm_sdm.core.netcdf import read_displacement  # noqa: E402
+from vfm_sdm.inputs.session import read_session, write_session  # noqa: E402
+from vfm_sdm.measurement import Measurement  # noqa: E402
+from vfm_sdm.outputs.plots import save_figures  # noqa: E402
+from vfm_sdm.outputs.results import describe_measurement, write_displacement  # noqa: E402
+from vfm_sdm.studies.synthetic.field_test import demo_plan, make_field_test  # noqa: E402
+from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite  # noqa: E402
+from vfm_sdm.studies.synthetic.motion import ModalMotion, Mode  # noqa: E402
+
+DAY_FPS = 30.0
 PIECE_S = 4.4
 """Length of the piece: 0.4 s at rest, and a whole number of periods of every mode [s]."""
 MODES = (
@@ -228,15 +241,134 @@ class LocalDask:
             self._cluster.close()
 
 
+def simulate_day(folder: Path, hours: float) -> tuple[Measurement, xr.DataArray]:
+    """A measurement of tracks in files, of which only what is looked at is read; and the truth every minute [mm]."""
+    simulated = simulate(
+        11, vertical_mm=20.0, lateral_mm=8.0, track_std_px=(0.01, 0.01), synchronization="motion", duration_s=10.0,
+        time_offset_std_s=0.05, range_std=0.05, length_std=0.005,
+    )  # fmt: skip
+    names = [str(name) for name in simulated.solution.points["point"].values]
+    twice = [*names, *(f"{name} again" for name in names)]
+    points = xr.concat([simulated.solution.points] * 2, "point").assign_coords(point=twice)
+    session = simulated.session.model_copy(
+        update={
+            "point": tuple(
+                point.model_copy(update={"name": f"{point.name}{suffix}"})
+                for suffix in ("", " again")
+                for point in simulated.session.point
+            )
+        }
+    )
+    frames = round(hours * 3600 * DAY_FPS)
+    tracks = {
+        view: _simulate_tracks(folder / f"{number}.nc", simulated, number, twice, frames)
+        for number, view in enumerate(simulated.rig.names)
+    }
+    measurement = Measurement(session).given(
+        cameras=replace(simulated.solution, points=points), tracks=tracks, frames={}, injection=None
+    )
+    time_s = np.arange(0, hours * 3600, 60.0)
+    return measurement, xr.DataArray(
+        day_motion(time_s, twice), dims=("time", "point", "axis"), coords={"time": time_s, "point": twice}
+    )
+
+
+def day_motion(time_s: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Motion of all points along the axes, shape (T, P, 3) [mm]: traffic half of the time, warmth over the day."""
+    traffic = np.clip(np.sin(2 * np.pi * time_s / 2400.0), 0, 1) ** 2
+    warmth = 2.0 * np.sin(2 * np.pi * time_s / 86400.0)
+    wave = np.stack(
+        [
+            2.0 * traffic * np.sin(2 * np.pi * 1.4 * time_s),
+            8.0 * traffic * np.sin(2 * np.pi * (2.2 + 0.3 * np.sin(time_s / 90.0)) * time_s) + warmth,
+            0 * time_s,
+        ],
+        axis=-1,
+    )
+    moving = np.array([name.startswith("p") for name in names])
+    return wave[:, None] * moving[:, None]
+
+
+def _simulate_tracks(path: Path, simulated: Simulated, view: int, names: Sequence[str], frames: int) -> xr.Dataset:
+    """Tracks of one view in a file: noise, a tripod that settles, the second clock 20 ppm fast."""
+    rng, camera = np.random.default_rng(view), simulated.rig.cameras[view]
+    places = np.concatenate([simulated.points3d] * 2)
+    std = simulated.conditions.track_std_px[view]
+    file = BlockFile(path)
+    for block in time_blocks(frames, size=65536):
+        own_s = np.arange(block.start, block.stop) / DAY_FPS
+        true_s = own_s * (1 - 2e-5 * view) + (simulated.conditions.time_offset_s if view else 0.0)
+        moved = places + day_motion(true_s, names) / 1e3 @ simulated.frame.rotation
+        settled = 0.4 * view * (1 - np.exp(-true_s / 7200.0))[:, None, None]
+        seen = np.asarray(camera.project(moved)) + settled + rng.normal(0, std, (len(own_s), len(names), 2))
+        covariance = np.broadcast_to(std**2 * np.eye(2), (*seen.shape, 2))
+        file.append(make_tracks(own_s, list(names), seen, covariance, np.zeros(seen.shape[:2], int), attrs={}))
+    last = make_tracks(own_s[:1], list(names), seen[:1], covariance[:1], np.zeros((1, len(names)), int), attrs={})
+    return file.finish(last.drop_vars(time_variables(last)))
+
+
+def measure_day(folder: Path, hours: float) -> dict[str, object]:
+    """Time, memory and errors of hours of tracks through everything behind tracking."""
+    seconds: dict[str, float] = {}
+
+    def timed(name: str, begin: float) -> float:
+        now = time.perf_counter()
+        seconds[name] = now - begin
+        print(f"{name:28s}  {seconds[name]:8.1f} s  peak {peak_mb():6.0f} MB", flush=True)
+        return now
+
+    clock = time.perf_counter()
+    measurement, truth = simulate_day(folder, hours)
+    clock = timed("simulation", clock)
+    displacement, audit = measurement.displacement, measurement.audit
+    clock = timed("displacement and audit", clock)
+    write_displacement(folder / "run", displacement)
+    clock = timed("files", clock)
+    summary = describe_measurement(measurement.cameras, measurement.tracks, displacement, audit)
+    clock = timed("summary", clock)
+    save_figures(folder / "run", measurement.tracks, displacement, {}, {}, audit=audit)
+    timed("figures", clock)
+    found = displacement.sel(time=truth["time"], method="nearest").load()
+    error = found["displacement"].values - truth.values
+    held = np.abs(error) <= found["expanded_uncertainty"].values
+    moving = [str(name).startswith("p") for name in truth["point"].values]
+    verdicts = [str(one.verdict) for one in audit.intervals]
+    figures = {
+        "hours": hours,
+        "frames": displacement.sizes["time"],
+        "points": displacement.sizes["point"],
+        "intervals": len(verdicts),
+        "verdict": str(audit.verdict),
+        "rms_vertical_mm": float(np.sqrt(np.nanmean(error[:, moving, 1] ** 2))),
+        "rms_lateral_mm": float(np.sqrt(np.nanmean(error[:, moving, 0] ** 2))),
+        "inside_share": float(held[:, moving].mean()),
+        "coverage_valid": float(np.mean([one["coverage_valid"] for one in summary["points"].values()])),
+        **{f"seconds_{name.split()[0]}": value for name, value in seconds.items()},
+        "peak_mb": peak_mb(),
+        "file_mb": (folder / "run" / "displacement.nc").stat().st_size / 1e6,
+    }
+    print({verdict: verdicts.count(verdict) for verdict in set(verdicts)}, figures["verdict"], flush=True)
+    return {"day": figures}
+
+
+def peak_mb() -> float:
+    """Peak memory of this process [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20 if sys.platform == "darwin" else 1 << 10)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, nargs="+", default=[10.0, 60.0], help="lengths of recordings")
     parser.add_argument("--height", type=int, choices=WIDTHS, default=1080)
     parser.add_argument("--workers", type=int, default=0)
     parser.add_argument("--scaling", type=float, default=0.0, help="minutes of film that are tracked in all ways")
+    parser.add_argument("--day", type=float, default=0.0, help="hours of simulated tracks behind tracking, alone")
     options = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="vfm-sdm-long-"))
     try:
+        if options.day:
+            print(json.dumps({"processors": os.cpu_count(), **measure_day(folder, options.day)}))
+            return
         piece = make_piece(folder / "piece", options.height)
         work = ["--workers", str(options.workers)] if options.workers else []
         summary: dict[str, object] = {"processors": os.cpu_count(), "height_px": options.height}
@@ -246,7 +378,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             summary |= compare_workers(piece, folder, options.scaling)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    summary["peak_of_this_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    summary["peak_of_this_mb"] = peak_mb()
     print(json.dumps(summary))
 
 

@@ -1,10 +1,12 @@
 """Files of datasets that are longer than memory allows, written block by block along time."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 import h5netcdf
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from vfm_sdm.core.stored import restored, storable
@@ -79,6 +81,30 @@ class BlockFile:
                 f"{self._path}: expected to write it, got: {error}; make room, or use another disk"
             ) from error
         self._frames += frames
+
+    def change(self, name: str, frames: slice, change: Callable[[npt.NDArray[Any]], npt.NDArray[Any]]) -> None:
+        """Changes what was written.
+
+        Parameters
+        ----------
+        name
+            Name of the variable, whose first dim is ``time``.
+        frames
+            Frames to change.
+        change
+            Function from their old values to the new ones.
+
+        Raises
+        ------
+        ResultsError
+            The file cannot be written.
+        """
+        try:
+            with h5netcdf.File(self._path, "a") as file:
+                variable = file.variables[name]
+                variable[frames] = change(variable[frames])
+        except OSError as error:
+            raise _cannot_write(self._path, error) from error
 
     def finish(self, rest: xr.Dataset) -> xr.Dataset:
         """The whole dataset, read from the file where it is looked at.

@@ -13,7 +13,7 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, mean_of_known
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import triangulate
 
-__all__ = ["Sightings", "Visibility", "see_points", "typical_std"]
+__all__ = ["Disagreement", "Sightings", "Visibility", "see_points", "typical_std"]
 
 _RESOLUTION_PX = 1e-3
 """Least standard deviation of a view's weight: no tracker resolves less."""
@@ -44,6 +44,47 @@ class Visibility:
 
 
 @dataclass(frozen=True, eq=False)
+class Disagreement:
+    """Mean disagreement of V views on P points.
+
+    Parameters
+    ----------
+    shift
+        By how much a view sees a point beside where the others do, shape (V, P, 2) [px].
+    covariance
+        Its covariance, shape (V, P, 2, 2) [px2].
+    linked
+        Views whose disagreement is known, shape (V, P); samples of others are not continuous with the rest.
+    """
+
+    shift: FloatArray
+    covariance: FloatArray
+    linked: BoolArray
+
+    @classmethod
+    def none(cls, views: int, points: int) -> "Disagreement":
+        """Views that agree.
+
+        Parameters
+        ----------
+        views, points
+            Numbers V and P.
+        """
+        linked = np.ones((views, points), dtype=np.bool_)
+        return cls(np.zeros((views, points, 2)), np.zeros((views, points, 2, 2)), linked)
+
+    def of(self, point: int) -> "Disagreement":
+        """That on one point, a view of the same arrays.
+
+        Parameters
+        ----------
+        point
+            Its number.
+        """
+        return Disagreement(self.shift[:, point], self.covariance[:, point], self.linked[:, point])
+
+
+@dataclass(frozen=True, eq=False)
 class Sightings:
     """Pixels of P points in T frames of V views, ready to be triangulated.
 
@@ -55,17 +96,14 @@ class Sightings:
         Factors of each view's equations, shape (V, P) [1]; ``None`` for two views, which need none.
     visibility
         Views that are used.
-    shift_covariance
-        Covariance of the mean disagreement that was taken off, shape (V, P, 2, 2) [px2].
-    linked
-        Views whose disagreement is known, shape (V, P); samples of others are not continuous with the rest.
+    disagreement
+        What was taken off.
     """
 
     pixels: FloatArray
     weights: FloatArray | None
     visibility: Visibility
-    shift_covariance: FloatArray
-    linked: BoolArray
+    disagreement: Disagreement
 
     @property
     def used(self) -> BoolArray:
@@ -106,7 +144,9 @@ class Sightings:
         return np.asarray(np.where(some[:, None], chosen, np.nan))
 
 
-def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, rig: Rig) -> Sightings:
+def see_points(
+    pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, rig: Rig, known: Disagreement | None = None
+) -> Sightings:
     """Pixels and weights of the views that are used for each sample, from the tracks of all views.
 
     Parameters
@@ -116,6 +156,9 @@ def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, r
         (V, T, P, 2, 2) [px2], and whether the tracker trusts them, shape (V, T, P).
     rig
         V cameras.
+    known
+        Disagreement that earlier parts of the recording told, of no view where there were none: positions go on from
+        there. ``None`` of a recording that is looked at as a whole.
 
     Notes
     -----
@@ -126,22 +169,30 @@ def see_points(pixels: FloatArray, covariance: FloatArray, trusted: BoolArray, r
     """
     found = np.asarray(np.isfinite(pixels).all(axis=-1))
     views, points = len(pixels), pixels.shape[2]
-    no_covariance = np.zeros((views, points, 2, 2))
+    none = Disagreement.none(views, points)
     if views < 3:
         both = Visibility(np.ones((1, views), dtype=np.bool_), np.where(found.all(axis=0) & (views > 1), 0, -1))
-        return Sightings(pixels, None, both, no_covariance, np.ones((views, points), dtype=np.bool_))
+        return Sightings(pixels, None, both, none)
     used = np.where((trusted & found).sum(axis=0) >= 2, trusted & found, found)
     used &= used.sum(axis=0) >= 2
     chosen = np.where(used[..., None], pixels, np.nan)
     weights = _weigh_views(chosen, covariance, rig)
     visibility = _sets_of_views(used)
-    shift, shift_covariance = np.zeros((views, points, 2)), no_covariance
-    linked = np.ones((views, points), dtype=np.bool_)
+    apart, told = none, None if known is None else known.linked
     base = visibility.views[visibility.most_frequent()]
-    for point in np.flatnonzero([len(np.unique(of[of >= 0])) > 1 for of in visibility.of_sample.T]):
+    for point, of_point in enumerate(visibility.of_sample.T):
+        before = np.zeros(views, dtype=np.bool_) if told is None else told[:, point]
+        sets = np.unique(of_point[of_point >= 0])
+        if len(sets) < (2 if known is None else 1) and not before.any():
+            continue  # all its samples come from the same views, now and ever
         one = _Point(chosen[:, :, point], covariance[:, :, point], weights[:, point], rig)
-        shift[:, point], shift_covariance[:, point], linked[:, point] = one.disagreement(base[point])
-    return Sightings(chosen - shift[:, None], weights, visibility, shift_covariance, linked)
+        if known is not None and before.any():
+            apart.shift[:, point], apart.covariance[:, point] = known.shift[:, point], known.covariance[:, point]
+            apart.linked[:, point] = before
+        else:
+            one.compare(base[point], apart.of(point))
+        one.link(apart.of(point))
+    return Sightings(chosen - apart.shift[:, None], weights, visibility, apart)
 
 
 def typical_std(variance: FloatArray) -> FloatArray:
@@ -202,39 +253,26 @@ class _Point:
     weights: FloatArray
     rig: Rig
 
-    def disagreement(self, base: BoolArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Mean disagreement of every view, its covariance, and whether it is known.
-
-        The views of the base are compared with the position that they give together, further ones with that of all
-        views before them, over the samples that they share.
-
-        Parameters
-        ----------
-        base
-            Views that are compared first, shape (V,).
-
-        Returns
-        -------
-        shift, covariance, linked
-            Shapes (V, 2) [px], (V, 2, 2) [px2] and (V,).
-        """
-        views = len(self.pixels)
-        shift, covariance = np.zeros((views, 2)), np.zeros((views, 2, 2))
-        linked = base.copy()
+    def compare(self, base: BoolArray, apart: Disagreement) -> None:
+        """Enters the disagreement of the views of the base (V,) with the position that they give together."""
         together: BoolArray = np.asarray(np.isfinite(self.pixels[base]).all(axis=(0, 2)))
         places = self._places(np.where(base[:, None, None] & together[:, None], self.pixels, np.nan))
+        apart.linked[:] = base
         for view in np.flatnonzero(base).tolist():
-            shift[view], covariance[view] = self._mean_apart(view, places)
-        while not linked.all():
-            places = self._places(np.where(linked[:, None, None], self.pixels - shift[:, None], np.nan))
+            apart.shift[view], apart.covariance[view] = self._mean_apart(view, places)
+
+    def link(self, apart: Disagreement) -> None:
+        """Enters that of further views with the position of those before, over the samples that they share."""
+        while not apart.linked.all():
+            linked = apart.linked
+            places = self._places(np.where(linked[:, None, None], self.pixels - apart.shift[:, None], np.nan))
             known = np.isfinite(places).all(axis=1)
             shared = np.where(linked, 0, (np.isfinite(self.pixels).all(axis=2) & known).sum(axis=1))
             best = int(shared.argmax())
             if shared[best] == 0:
                 break
-            shift[best], covariance[best] = self._mean_apart(best, places)
-            linked[best] = True
-        return shift, covariance, linked
+            apart.shift[best], apart.covariance[best] = self._mean_apart(best, places)
+            apart.linked[best] = True
 
     def _places(self, pixels: FloatArray) -> FloatArray:
         return triangulate(pixels, self.rig, weights=self.weights[:, None])

@@ -88,15 +88,15 @@ def test_the_disagreement_of_a_view_is_known_as_well_as_it_states():
     for seed in range(80):
         sight, u, *_ = sightings(rig, seed=1000 + seed, points=1, hidden=[(2, slice(0, 45), 0)])
         found.append((u - sight.pixels)[2, 50, 0])
-        stated.append(np.diag(sight.shift_covariance[2, 0]))
+        stated.append(np.diag(sight.disagreement.covariance[2, 0]))
     assert np.std(found, axis=0) == pytest.approx(np.sqrt(np.mean(stated, axis=0)), rel=0.25)
 
 
 def test_a_view_that_meets_no_two_others_is_not_linked():
     rig = simple_rig(3)
     sight, *_ = sightings(rig, hidden=[(2, slice(0, 40), 0), (0, slice(40, 60), 0)])
-    assert sight.linked[:, 0].tolist() == [True, True, False]
-    assert sight.linked[:, 1].all()
+    assert sight.disagreement.linked[:, 0].tolist() == [True, True, False]
+    assert sight.disagreement.linked[:, 1].all()
 
 
 def test_the_anchor_has_a_pixel_of_every_view():

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.io import savemat
 
-from vfm_sdm.core.arrays import FloatArray, is_even_clock
+from vfm_sdm.core.arrays import FloatArray, is_even_clock, time_blocks
 from vfm_sdm.core.datasets import STATUS_MEANINGS, check_displacement, convert_units
 from vfm_sdm.core.files import replace_file
 from vfm_sdm.core.netcdf import write_displacement as write_netcdf
@@ -163,17 +163,24 @@ def to_csv(path: Path, displacement: xr.Dataset) -> None:
     header = ["time_s"]
     for point in points:
         header += [f"{point} {axis}{part} [mm]" for axis in axes for part in ("", " std")] + [f"{point} status"]
-    # Shape (time, point, axis, value and std) so that a row reads in the order of the header.
-    values = np.stack([displacement["displacement"].values, displacement["displacement_std"].values], axis=-1)
-    status = displacement["status"].values
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(header)
-        for time_s, of_points, codes in zip(displacement["time"].values, values, status, strict=True):
-            row = [repr(float(time_s))]
-            for of_axes, code in zip(of_points, codes, strict=True):
-                row += ["" if np.isnan(v) else f"{v:.9g}" for v in of_axes.ravel()] + [STATUS_MEANINGS[code]]
-            writer.writerow(row)
+        for frames in time_blocks(displacement.sizes["time"]):
+            writer.writerows(
+                _table_rows(displacement[["displacement", "displacement_std", "status"]].isel(time=frames))
+            )
+
+
+def _table_rows(block: xr.Dataset) -> Iterator[list[str]]:
+    """Rows of the table of some frames."""
+    # Shape (time, point, axis, value and std) so that a row reads in the order of the header.
+    values = np.stack([block["displacement"].values, block["displacement_std"].values], axis=-1)
+    for time_s, of_points, codes in zip(block["time"].values, values, block["status"].values, strict=True):
+        row = [repr(float(time_s))]
+        for of_axes, code in zip(of_points, codes, strict=True):
+            row += ["" if np.isnan(v) else f"{v:.9g}" for v in of_axes.ravel()] + [STATUS_MEANINGS[code]]
+        yield row
 
 
 def to_mat(path: Path, displacement: xr.Dataset) -> None:

@@ -30,9 +30,10 @@ from vfm_sdm.geometry.propagation import (
 )
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import compute_reprojection_error, in_front_of_all
-from vfm_sdm.geometry.visibility import Sightings, see_points
+from vfm_sdm.geometry.visibility import Sightings
 from vfm_sdm.signals.clocks import still_frames
 from vfm_sdm.stages.displacement.edges import SolvedEdges, solve_edges, state_prior
+from vfm_sdm.stages.refinement.sightings import see_tracks
 
 __all__ = ["compute_displacement", "find_origin", "keep_origin"]
 
@@ -101,6 +102,7 @@ def compute_displacement(
     ``pixel_sensitivity_seen_by`` to each set of them. Views that join or leave make no step, because their mean
     disagreement is taken off (`vfm_sdm.geometry.visibility`); how well that is known is part of the random standard
     deviation. Samples of views that share too little with the others for that are unreliable.
+    ``disagreement`` (view, point, pixel) [px] is what was taken off, and ``disagreement_known`` says of which views.
 
     A point that a view sees across an edge only (``edge_across`` of the tracks) is solved by weighted least squares
     about its position of reference, with a weak prior on its motion (`vfm_sdm.stages.displacement.edges.state_prior`):
@@ -127,7 +129,7 @@ def compute_displacement(
     """
     names = _check_views(tracks, rig)
     codes, time_s = tracks["status"].values, tracks["time"].values
-    sight = see_points(tracks["position"].values, tracks["position_covariance"].values, codes == Status.OK, rig)
+    sight = see_tracks(tracks, rig)
     points3d = sight.triangulate(rig)
     rotation = np.eye(3) if frame is None else frame.rotation
     edges = _solve_edges(tracks, sight, rig, frame, still_interval_s)
@@ -315,7 +317,7 @@ def _compute_random_variance(jacobian: FloatArray, sight: Sightings, covariance:
     for number, (members, of_set) in enumerate(zip(visibility.views, jacobian, strict=True)):
         stated = np.where(members[:, None, None, None, None], covariance, 0.0)
         own = np.einsum("tpaa->tpa", compute_position_covariance(of_set, stated))
-        apart = np.einsum("pavk,vpkl,pavl->pa", of_set, sight.shift_covariance, of_set)
+        apart = np.einsum("pavk,vpkl,pavl->pa", of_set, sight.disagreement.covariance, of_set)
         own = own + np.where((main != number)[:, None], apart, 0.0)
         variance = np.where((visibility.of_sample == number)[..., None], own, variance)
     return variance
@@ -338,6 +340,12 @@ def _add_gains(displacement: xr.Dataset, linear: _Linear, sight: Sightings, name
     displacement = displacement.assign_coords(motion_axis=axes, motion_axis_2=axes, view=list(names), pixel=list(PIXEL))
     if len(names) < 3:
         return displacement
+    apart = sight.disagreement
+    displacement = displacement.assign(
+        disagreement=(("view", "point", "pixel"), apart.shift, {"units": "px"}),
+        disagreement_covariance=(("view", "point", "pixel_a", "pixel_b"), apart.covariance, {"units": "px2"}),
+        disagreement_known=(("view", "point"), (apart.linked & sight.used.any(axis=1)).astype(np.int8)),
+    )
     together = ["+".join(np.array(names)[members].tolist()) for members in sight.visibility.views]
     displacement = displacement.assign(
         visibility_views=(("visibility", "view"), sight.visibility.views.astype(np.int8)),
@@ -353,7 +361,7 @@ def _combine_status(status: IntArray, sight: Sightings, behind: BoolArray) -> In
     used = sight.used
     enough = used.sum(axis=0) >= 2
     combined = worst_status(np.where(used | ~enough, status, Status.OK))
-    apart = enough & (used & ~sight.linked[:, None]).any(axis=0)
+    apart = enough & (used & ~sight.disagreement.linked[:, None]).any(axis=0)
     combined = np.where(apart & (combined == Status.OK), Status.UNRELIABLE, combined)
     return np.where(behind, Status.BEHIND, combined)
 

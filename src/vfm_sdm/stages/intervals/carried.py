@@ -12,6 +12,7 @@ from vfm_sdm.stages.camera_motion import ViewMotion
 
 __all__ = ["Carried"]
 
+_PAIR = 2
 _DRIFT = 5e-5
 """How much two clocks of cameras may drift apart beyond what their rates were found to be [1]."""
 
@@ -44,12 +45,18 @@ class Carried:
         Their covariance (view, point, pixel_a, pixel_b) [px2]; ``None`` of a single view, and before any.
     clocks
         Clocks by view.
+    disagreement
+        How more than two views disagree (`vfm_sdm.stages.refinement.sightings.see_tracks`); empty of two.
+    divided
+        Whether there are several intervals.
     """
 
     rest: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
     origin: Mapping[str, xr.DataArray] = field(default_factory=dict)
     origin_covariance: xr.DataArray | None = None
     clocks: Mapping[str, _Clock] = field(default_factory=dict)
+    disagreement: xr.Dataset = field(default_factory=xr.Dataset)
+    divided: bool = False
 
     def clock(self, session: Session, view: View, begin_s: float) -> tuple[float | None, float | None]:
         """Offset of a view, as `View.time_offset_s`, for an interval whose time begins with it, and its deviation [s].
@@ -80,6 +87,9 @@ class Carried:
         refined
             Whether the origin is that of refined displacement.
         """
+        if self.divided and aligned.sizes.get("view", 0) > _PAIR:
+            # The positions that the views give together go on when one of them is lost later.
+            aligned = aligned.assign({**_unknown_disagreement(aligned), **self.disagreement})
         known = self.origin.get("refined" if refined else "unrefined")
         if known is None:
             return aligned
@@ -114,14 +124,35 @@ class Carried:
         rest = {view: {**self._rest_of(motion), **self.rest.get(view, {})} for view, motion in motions.items()}
         found = {"unrefined": unrefined["origin"], "refined": refined["origin"]}
         origin = {name: self.origin[name].fillna(one) if self.origin else one for name, one in found.items()}
-        now = replace(self, rest={**self.rest, **rest}, origin=origin)
+        now = replace(self, rest={**self.rest, **rest}, origin=origin, disagreement=self._disagree(unrefined))
         if aligned is None:
             return now
         clocks = {**self.clocks, **_read_clocks(begin_s, aligned)}
         return replace(now, origin_covariance=aligned["origin_covariance"], clocks=clocks)
 
+    def _disagree(self, unrefined: xr.Dataset) -> xr.Dataset:
+        """Disagreement of the views, of those that saw a point before as it was then."""
+        names = ["disagreement", "disagreement_covariance", "disagreement_known"]
+        if names[0] not in unrefined:
+            return self.disagreement
+        found = xr.Dataset({name: unrefined[name] for name in names})
+        if not self.disagreement.data_vars:
+            return found
+        before = self.disagreement["disagreement_known"] > 0
+        return xr.Dataset({name: self.disagreement[name].where(before, found[name]) for name in names})
+
     def _rest_of(self, motion: ViewMotion) -> dict[str, FloatArray]:
         return dict(zip(motion.static, motion.rest, strict=True))
+
+
+def _unknown_disagreement(aligned: xr.Dataset) -> dict[str, tuple[tuple[str, ...], FloatArray]]:
+    """Variables of `see_tracks` that say that no view's disagreement is known."""
+    views, points = aligned.sizes["view"], aligned.sizes["point"]
+    return {
+        "disagreement": (("view", "point", "pixel"), np.zeros((views, points, 2))),
+        "disagreement_covariance": (("view", "point", "pixel_a", "pixel_b"), np.zeros((views, points, 2, 2))),
+        "disagreement_known": (("view", "point"), np.zeros((views, points))),
+    }
 
 
 def _read_clocks(begin_s: float, aligned: xr.Dataset) -> dict[str, _Clock]:

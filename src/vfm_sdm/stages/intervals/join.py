@@ -1,11 +1,13 @@
 """Displacement of intervals as one dataset of the whole recording, of which only a part is in memory at a time."""
 
 import warnings
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from vfm_sdm.core.block_files import BlockFile, time_variables
@@ -35,8 +37,9 @@ class JoinedDisplacement:
         self._facts: list[xr.Dataset] = []
         self._intervals: list[Interval] = []
         self._sets: list[str] = []
+        self._ends = [0]
 
-    def append(self, interval: Interval, displacement: xr.Dataset, *, refused: bool) -> None:
+    def append(self, interval: Interval, displacement: xr.Dataset) -> None:
         """Adds the displacement of the next interval.
 
         Parameters
@@ -45,30 +48,21 @@ class JoinedDisplacement:
             The interval.
         displacement
             Its displacement, shape (T, P, 3) [mm], whose time begins with it.
-        refused
-            Whether it is not to be used: its samples are unreliable.
         """
         shifted = displacement["time"].values + interval.begin_s
         block = displacement.assign_coords(time=("time", shifted, displacement["time"].attrs))
         for name in _COARSE:
             if name in block:
                 block[name] = block[name].astype(np.float32)
-        if refused:
-            codes = block["status"]
-            block["status"] = codes.where(codes != Status.OK, np.int8(Status.UNRELIABLE)).assign_attrs(codes.attrs)
         along = time_variables(block)
         facts = block.drop_vars(along).assign(_summarize(block))
         self._file.append(self._with_common_sets(block)[along])
         self._facts.append(facts)
         self._intervals.append(interval)
+        self._ends.append(self._ends[-1] + block.sizes["time"])
 
-    def finish(self) -> xr.Dataset:
-        """The whole, shape (T, P, 3) [mm], read from its file where it is looked at.
-
-        What is not the same in all intervals is that of the first, and stands beside it for each of them, as
-        ``NAME_by_interval`` (interval, ...); ``interval_begin`` and ``interval_end`` [s] say when these were, and
-        ``interval_mean``, ``interval_rms`` (about it) and ``interval_std`` (median of what is stated of a sample),
-        (interval, point, axis) [mm], what was measured in them.
+    def facts(self) -> xr.Dataset:
+        """All that is not of single frames, of all intervals, as of `finish`.
 
         Raises
         ------
@@ -81,10 +75,26 @@ class JoinedDisplacement:
             )
         joined = _join_facts(self._facts, self._sets)
         times = {name: [getattr(one, f"{name}_s") for one in self._intervals] for name in ("begin", "end")}
-        joined = joined.assign(
-            {f"interval_{name}": ("interval", found, {"units": "s"}) for name, found in times.items()}
-        )
-        whole = self._file.finish(joined)
+        return joined.assign({f"interval_{name}": ("interval", found, {"units": "s"}) for name, found in times.items()})
+
+    def finish(self, refused: Sequence[bool]) -> xr.Dataset:
+        """The whole, shape (T, P, 3) [mm], read from its file where it is looked at.
+
+        Parameters
+        ----------
+        refused
+            Whether an interval is not to be used, of each: its samples are unreliable.
+
+        Notes
+        -----
+        What is not the same in all intervals is that of the first, and stands beside it for each of them, as
+        ``NAME_by_interval`` (interval, ...); ``interval_begin`` and ``interval_end`` [s] say when these were, and
+        ``interval_mean``, ``interval_rms`` (about it) and ``interval_std`` (median of what is stated of a sample),
+        (interval, point, axis) [mm], what was measured in them.
+        """
+        for begin, end in ((self._ends[number], self._ends[number + 1]) for number, bad in enumerate(refused) if bad):
+            self._file.change("status", slice(begin, end), _distrust)
+        whole = self._file.finish(self.facts())
         whole.encoding["place"] = self._place  # it goes with the dataset
         return whole
 
@@ -96,6 +106,11 @@ class JoinedDisplacement:
         self._sets += [name for name in names if name not in self._sets]
         numbers = np.array([*(self._sets.index(name) for name in names), -1], dtype=block["seen_by"].dtype)
         return block.assign(seen_by=block["seen_by"].copy(data=numbers[block["seen_by"].values]))
+
+
+def _distrust(codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Codes of `Status`, none of which is OK any more."""
+    return np.where(codes == Status.OK, codes.dtype.type(Status.UNRELIABLE), codes)
 
 
 def _summarize(block: xr.Dataset) -> dict[str, xr.DataArray]:

@@ -7,13 +7,14 @@ from pathlib import Path
 import xarray as xr
 
 from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.statuses import Verdict
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.audit import Audit
 from vfm_sdm.stages.camera_motion import ViewMotion
 from vfm_sdm.stages.intervals.carried import Carried
 from vfm_sdm.stages.intervals.division import divide_tracks
 from vfm_sdm.stages.intervals.join import JoinedDisplacement
-from vfm_sdm.stages.intervals.verdicts import is_refused, join_audits
+from vfm_sdm.stages.intervals.verdicts import join_audits
 
 __all__ = ["MeasuredInterval", "measure_intervals"]
 
@@ -77,7 +78,7 @@ def measure_intervals(
     intervals = divide_tracks(next(iter(tracks.values())), session)
     if len(intervals) < 2:
         return None
-    still, carried = session.method.still_interval_s, Carried()
+    still, carried = session.method.still_interval_s, Carried(divided=True)
     ahead = [one for one in intervals if still is not None and one.holds(still[0])]
     joined, audits = JoinedDisplacement(folder), []
     for number, interval in enumerate([*ahead, *intervals]):
@@ -89,9 +90,11 @@ def measure_intervals(
         found = measure(interval.session(session, carried), cut, carried)
         carried = carried.after(interval.begin_s, found.motions, found.aligned, found.unrefined, found.displacement)
         if number >= len(ahead):
-            joined.append(interval, found.displacement, refused=is_refused(found.audit))
+            joined.append(interval, found.displacement)
             audits.append((interval, found.audit))
-    whole = joined.finish()
+    moving, static = ([p.name for p in session.point if p.static == wanted] for wanted in (False, True))
+    audit = join_audits(audits, joined.facts(), moving, static)
+    whole = joined.finish([one.verdict == Verdict.REFUSED for one in audit.intervals])
     if still is not None:
         whole.attrs["relative_to"] = "mean of the still interval"
-    return whole, join_audits(audits, whole, [point.name for point in session.point if point.static])
+    return whole, audit

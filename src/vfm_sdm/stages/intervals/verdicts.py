@@ -1,7 +1,7 @@
 """Audits of intervals as one of the whole recording: ten bad minutes do not condemn a day, and are named."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -11,8 +11,18 @@ from vfm_sdm.stages.audit import Audit, AuditCheck
 from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditedInterval, Limits, judge
 from vfm_sdm.stages.intervals.division import Interval
 
-__all__ = ["is_quiet", "is_refused", "join_audits"]
+__all__ = ["join_audits"]
 
+_QUIET = 0.1
+"""Share of the liveliest interval's motion below which an interval's own is no measure for anything."""
+_AGAINST_MOTION = frozenset(
+    {
+        *("signal to noise", "static points", "tripods", "stabilised video", "still interval", "halves of a subset"),
+        *("epipolar error in motion", "slipping tracks", "frozen tracks", "clocks", "clock drift"),
+        *("agreement of the views", "refinement"),
+    }
+)
+"""Names of the checks that compare with the structure's motion."""
 _MOST = 0.5
 """Share of the intervals that must fail for the whole to fail."""
 _DRIFT_CAUTION, _DRIFT_FAIL = 0.1, 0.5
@@ -20,67 +30,69 @@ _DRIFT_CAUTION, _DRIFT_FAIL = 0.1, 0.5
 _ORDER = (Outcome.FAIL, Outcome.CAUTION, Outcome.NOT_POSSIBLE, Outcome.PASS)
 
 
-def is_quiet(audit: Audit) -> bool:
-    """Whether nothing moved in an interval more than noise does: its checks against the motion then say nothing.
+@dataclass(frozen=True)
+class _Judged:
+    """An interval with its audit, without the checks that say nothing where hardly anything moved."""
 
-    Parameters
-    ----------
-    audit
-        Audit of the interval.
-    """
-    return any(check.name == "signal to noise" and check.outcome == Outcome.FAIL for check in audit.checks)
+    interval: Interval
+    audit: Audit
+    quiet: bool
+
+    @property
+    def verdict(self) -> Verdict:
+        if self.quiet and self.audit.verdict != Verdict.REFUSED:
+            return Verdict.NOT_JUDGED
+        return self.audit.verdict
+
+    def state(self) -> AuditedInterval:
+        reasons = "; ".join(f"{check.name}: {check.sentence}" for check in self.audit.flagged)
+        if self.quiet:
+            reasons = f"hardly any motion; {reasons}" if reasons else "hardly any motion"
+        return AuditedInterval(self.interval.begin_s, self.interval.end_s, self.verdict, reasons)
 
 
-def is_refused(audit: Audit) -> bool:
-    """Whether the samples of an interval are not to be used.
-
-    Parameters
-    ----------
-    audit
-        Audit of the interval.
-    """
-    return audit.verdict == Verdict.REFUSED and not is_quiet(audit)
-
-
-def join_audits(audits: Sequence[tuple[Interval, Audit]], displacement: xr.Dataset, static: Sequence[str]) -> Audit:
+def join_audits(
+    audits: Sequence[tuple[Interval, Audit]], facts: xr.Dataset, moving: Sequence[str], static: Sequence[str]
+) -> Audit:
     """The audit of the whole, of those of its intervals.
 
     Parameters
     ----------
     audits
         Intervals and their audits, in the order of time.
-    displacement
-        The whole displacement, shape (T, P, 3) [mm], of `JoinedDisplacement`.
-    static
-        Names of the points that must not move.
+    facts
+        What was measured in them, of `JoinedDisplacement.facts`.
+    moving, static
+        Names of the points on the structure, and of those that must not move.
 
     Notes
     -----
     A check fails where it does in half of the intervals or more; where it does in fewer, those are not to be used, and
-    it is a caution. Intervals in which nothing moved do not count, unless nothing ever does. What is too slow for an
-    interval shows between them: points that must not move and drift.
+    it is a caution. In an interval with less than a tenth of the motion of the liveliest, checks that compare with
+    motion do not count: of a night without traffic, noise and a tripod that settles are a large share. What is too
+    slow for an interval shows between them: points that must not move and drift.
     """
-    counted = [(interval, one) for interval, one in audits if not is_quiet(one)] or list(audits)
-    names = list(dict.fromkeys(check.name for _, one in counted for check in one.checks))
-    checks = (*(_join_checks(name, counted) for name in names), _check_slow_drift(displacement, static))
-    first = counted[0][1]
-    intervals = tuple(
-        AuditedInterval(interval.begin_s, interval.end_s, _state_verdict(one), _state_reasons(one))
-        for interval, one in audits
-    )
-    return replace(first, checks=checks, intervals=intervals)
+    motion = facts["interval_rms"].sel(point=list(moving)).max(["point", "axis"]).values
+    liveliest = np.fmax.reduce(motion, initial=0.0)
+    judged = []
+    for (interval, one), rms in zip(audits, motion, strict=True):
+        quiet = bool(rms < _QUIET * liveliest)
+        kept = tuple(check for check in one.checks if not (quiet and check.name in _AGAINST_MOTION))
+        judged.append(_Judged(interval, replace(one, checks=kept), quiet))
+    names = list(dict.fromkeys(check.name for one in audits for check in one[1].checks))
+    checks = (*(_join_checks(name, judged) for name in names), _check_slow_drift(facts, moving, static))
+    return replace(audits[0][1], checks=checks, intervals=tuple(one.state() for one in judged))
 
 
-def _check_slow_drift(displacement: xr.Dataset, static: Sequence[str]) -> AuditCheck:
+def _check_slow_drift(facts: xr.Dataset, moving: Sequence[str], static: Sequence[str]) -> AuditCheck:
     """Range of the means of points that must not move, beyond noise, as a share of the structure's motion [1]."""
     name = "slow drift"
-    points = [str(point) for point in displacement["point"].values]
-    known = [point for point in static if point in points]
+    known = [point for point in static if point in facts["point"].values]
     if not known:
         sentence = "no point that must not move was named: whether cameras or structure drift, nobody can tell"
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _DRIFT_CAUTION, "1", sentence)
-    mean, rms, std = (displacement[f"interval_{one}"].isel(axis=slice(2)) for one in ("mean", "rms", "std"))
-    structure = float(rms.sel(point=[point for point in points if point not in known]).max())
+    mean, rms, std = (facts[f"interval_{one}"].isel(axis=slice(2)) for one in ("mean", "rms", "std"))
+    structure = float(rms.sel(point=list(moving)).max())
     found = {}
     for point in known:
         drift = mean.sel(point=point).max("interval") - mean.sel(point=point).min("interval")
@@ -95,19 +107,9 @@ def _check_slow_drift(displacement: xr.Dataset, static: Sequence[str]) -> AuditC
     )
 
 
-def _state_verdict(audit: Audit) -> Verdict:
-    return Verdict.NOT_JUDGED if is_quiet(audit) else audit.verdict
-
-
-def _state_reasons(audit: Audit) -> str:
-    if is_quiet(audit):
-        return "nothing moved"
-    return "; ".join(f"{check.name}: {check.sentence}" for check in audit.flagged)
-
-
-def _join_checks(name: str, audits: Sequence[tuple[Interval, Audit]]) -> AuditCheck:
+def _join_checks(name: str, judged: Sequence[_Judged]) -> AuditCheck:
     """One check of all intervals: that of the worst, with the outcome for all of them."""
-    found = [(interval, check) for interval, one in audits for check in one.checks if check.name == name]
+    found = [(one.interval, check) for one in judged for check in one.audit.checks if check.name == name]
     worst_at, worst = min(found, key=lambda pair: (_ORDER.index(pair[1].outcome), -_share(pair[1])))
     alike = sum(check.outcome == worst.outcome for _, check in found)
     if worst.outcome == Outcome.NOT_POSSIBLE and alike < len(found):

@@ -9,16 +9,17 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, mean_of_known
 from vfm_sdm.core.covariances import find_edges
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, check_tracks
+from vfm_sdm.core.datasets import STRUCTURE_AXES, check_tracks
 from vfm_sdm.core.statuses import RefinementStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.propagation import triangulation_jacobian
 from vfm_sdm.geometry.structure_frame import StructureFrame
-from vfm_sdm.geometry.visibility import Sightings, see_points, typical_std
+from vfm_sdm.geometry.visibility import Sightings, typical_std
 from vfm_sdm.signals.clocks import still_frames
 from vfm_sdm.stages.refinement.model import Refinement, SgrSettings
 from vfm_sdm.stages.refinement.objective import Baseline
+from vfm_sdm.stages.refinement.sightings import see_tracks
 from vfm_sdm.stages.refinement.solver import PointTriangulation, find_minimum
 
 __all__ = ["refine"]
@@ -109,8 +110,7 @@ def refine(
     time_s = tracks.variables["time"].values
     still = None if still_interval_s is None else still_frames(time_s, still_interval_s)
     covariance = tracks.variables["position_covariance"].values
-    trusted = tracks.variables["status"].values == Status.OK
-    sight = see_points(tracks.variables["position"].values, covariance, trusted, rig)
+    sight = see_tracks(tracks, rig)
     origin = tracks["origin"].transpose("point", "axis").values if "origin" in tracks else None
     task = _Task(sight, rig, frame, still, chosen, origin)
     view, status = _choose_views(covariance, names, task)
