@@ -102,7 +102,7 @@ def compute_displacement(
     ``pixel_sensitivity_seen_by`` to each set of them. Views that join or leave make no step, because their mean
     disagreement is taken off (`vfm_sdm.geometry.visibility`); how well that is known is part of the random standard
     deviation. Samples of views that share too little with the others for that are unreliable.
-    ``disagreement`` (view, point, pixel) [px] is what was taken off, and ``disagreement_known`` says of which views.
+    ``view_shift`` (view, point, pixel) [px] is what was taken off, and ``view_shift_known`` says of which views.
 
     A point that a view sees across an edge only (``edge_across`` of the tracks) is solved by weighted least squares
     about its position of reference, with a weak prior on its motion (`vfm_sdm.stages.displacement.edges.state_prior`):
@@ -342,9 +342,9 @@ def _add_gains(displacement: xr.Dataset, linear: _Linear, sight: Sightings, name
         return displacement
     apart = sight.disagreement
     displacement = displacement.assign(
-        disagreement=(("view", "point", "pixel"), apart.shift, {"units": "px"}),
-        disagreement_covariance=(("view", "point", "pixel_a", "pixel_b"), apart.covariance, {"units": "px2"}),
-        disagreement_known=(("view", "point"), (apart.linked & sight.used.any(axis=1)).astype(np.int8)),
+        view_shift=(("view", "point", "pixel"), apart.shift, {"units": "px"}),
+        view_shift_covariance=(("view", "point", "pixel_a", "pixel_b"), apart.covariance, {"units": "px2"}),
+        view_shift_known=(("view", "point"), (apart.linked & sight.used.any(axis=1)).astype(np.int8)),
     )
     together = ["+".join(np.array(names)[members].tolist()) for members in sight.visibility.views]
     displacement = displacement.assign(

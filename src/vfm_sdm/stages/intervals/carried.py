@@ -132,13 +132,13 @@ class Carried:
 
     def _disagree(self, unrefined: xr.Dataset) -> xr.Dataset:
         """Disagreement of the views, of those that saw a point before as it was then."""
-        names = ["disagreement", "disagreement_covariance", "disagreement_known"]
+        names = ["view_shift", "view_shift_covariance", "view_shift_known"]
         if names[0] not in unrefined:
             return self.disagreement
         found = xr.Dataset({name: unrefined[name] for name in names})
         if not self.disagreement.data_vars:
             return found
-        before = self.disagreement["disagreement_known"] > 0
+        before = self.disagreement["view_shift_known"] > 0
         return xr.Dataset({name: self.disagreement[name].where(before, found[name]) for name in names})
 
     def _rest_of(self, motion: ViewMotion) -> dict[str, FloatArray]:
@@ -149,9 +149,9 @@ def _unknown_disagreement(aligned: xr.Dataset) -> dict[str, tuple[tuple[str, ...
     """Variables of `see_tracks` that say that no view's disagreement is known."""
     views, points = aligned.sizes["view"], aligned.sizes["point"]
     return {
-        "disagreement": (("view", "point", "pixel"), np.zeros((views, points, 2))),
-        "disagreement_covariance": (("view", "point", "pixel_a", "pixel_b"), np.zeros((views, points, 2, 2))),
-        "disagreement_known": (("view", "point"), np.zeros((views, points))),
+        "view_shift": (("view", "point", "pixel"), np.zeros((views, points, 2))),
+        "view_shift_covariance": (("view", "point", "pixel_a", "pixel_b"), np.zeros((views, points, 2, 2))),
+        "view_shift_known": (("view", "point"), np.zeros((views, points))),
     }
 
 

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Hashable, Sequence
 from pathlib import Path
+from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -20,6 +21,7 @@ __all__ = ["JoinedDisplacement"]
 _COARSE = ("displacement_std", "uncertainty", "combined_std", "expanded_uncertainty", "reprojection_error")
 """Variables of which seven digits are more than anybody knows."""
 _SETS = "visibility"
+_PREFIX = ".intervals-"
 
 
 class JoinedDisplacement:
@@ -32,7 +34,9 @@ class JoinedDisplacement:
     """
 
     def __init__(self, folder: Path | None) -> None:
-        self._place = TemporaryDirectory(prefix=".intervals-", dir=folder)
+        for left in [] if folder is None else folder.glob(f"{_PREFIX}*"):
+            rmtree(left, ignore_errors=True)  # by a run that was cut short
+        self._place = TemporaryDirectory(prefix=_PREFIX, dir=folder)
         self._file = BlockFile(Path(self._place.name, "displacement.nc"))
         self._facts: list[xr.Dataset] = []
         self._intervals: list[Interval] = []

@@ -15,18 +15,18 @@ def see_tracks(tracks: xr.Dataset, rig: Rig) -> Sightings:
     Parameters
     ----------
     tracks
-        Tracks with a dim ``view``, in the order of the rig's cameras, shape (V, T, P, 2) [px]; with ``disagreement``
-        (view, point, pixel) [px], its covariance and ``disagreement_known`` (view, point) where an earlier part of the
+        Tracks with a dim ``view``, in the order of the rig's cameras, shape (V, T, P, 2) [px]; with ``view_shift``
+        (view, point, pixel) [px], its covariance and ``view_shift_known`` (view, point) where an earlier part of the
         recording told how the views disagree.
     rig
         V cameras.
     """
     known = None
-    if "disagreement" in tracks:
+    if "view_shift" in tracks:
         known = Disagreement(
-            tracks["disagreement"].transpose("view", "point", "pixel").values,
-            tracks["disagreement_covariance"].transpose("view", "point", "pixel_a", "pixel_b").values,
-            tracks["disagreement_known"].transpose("view", "point").values > 0,
+            tracks["view_shift"].transpose("view", "point", "pixel").values,
+            tracks["view_shift_covariance"].transpose("view", "point", "pixel_a", "pixel_b").values,
+            tracks["view_shift_known"].transpose("view", "point").values > 0,
         )
     trusted = tracks["status"].values == Status.OK
     return see_points(tracks["position"].values, tracks["position_covariance"].values, trusted, rig, known)

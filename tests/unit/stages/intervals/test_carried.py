@@ -9,7 +9,7 @@ import xarray as xr
 from simulation import project_all, simple_rig
 from stated_tracks import stated_tracks
 from vfm_sdm.core.datasets import Status
-from vfm_sdm.inputs.session import Method, Point, Session, View
+from vfm_sdm.inputs.session import Point, Session, View
 from vfm_sdm.stages.displacement.stereo import compute_displacement
 from vfm_sdm.stages.intervals import Carried
 from vfm_sdm.stages.intervals.carried import _Clock
@@ -66,7 +66,7 @@ def test_a_view_that_joins_later_makes_no_step(hidden):
 
 def test_a_view_that_shares_nothing_with_those_before_is_not_trusted():
     tracks = tracks_of([(2, HALVES[0], 0), (1, HALVES[1], 0)])
-    first, carried = measure_first(tracks)
+    _, carried = measure_first(tracks)
     second = compute_displacement(carried.put_into(tracks.isel(time=HALVES[1])), RIG)
     assert (second["status"].sel(point="p").values == Status.UNRELIABLE).all()
     assert (second["status"].sel(point="q").values == Status.OK).all()
@@ -74,7 +74,7 @@ def test_a_view_that_shares_nothing_with_those_before_is_not_trusted():
 
 def test_a_point_that_is_seen_later_has_its_own_origin():
     tracks = tracks_of([(view, HALVES[0], 0) for view in range(3)])
-    first, carried = measure_first(tracks)
+    _, carried = measure_first(tracks)
     second = compute_displacement(carried.put_into(tracks.isel(time=HALVES[1])), RIG)
     assert np.abs(second["displacement"].sel(point="p").values[0]).max() < 1e-9
     assert np.abs(second["displacement"].sel(point="q").values[0]).max() > 0.1
@@ -87,7 +87,6 @@ def make_session(**right):
         view=views,
         site={"baseline": {"value": 4.0, "std": 0.01}},
         point=(Point(name="p", view="left", pixel=(1.0, 1.0)),),
-        method=Method(),
     )
 
 
@@ -102,7 +101,7 @@ def test_clocks_go_on_at_their_rate_and_are_known_less_the_longer_ago():
 
 
 def test_what_is_used_of_a_recording_counts_once():
-    session = make_session(use_s=(4.0, None))
+    session = make_session(use_s=(4.0,))
     carried = Carried(clocks={"right": _Clock(0.0, 4.3, 1e-3, 1.0)})
     part = Interval(600.0, 1200.0).session(session, carried)
     assert part.stated_offset_s(part.view[1]) == pytest.approx(4.3)
