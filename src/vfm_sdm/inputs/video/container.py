@@ -18,6 +18,7 @@ from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.camera_tags import read_camera_tags
 from vfm_sdm.inputs.video.color import convert_part
+from vfm_sdm.inputs.video.continuity import read_date, read_time_code
 from vfm_sdm.inputs.video.cuts import Cut
 from vfm_sdm.inputs.video.decoder import Start, open_stream, read_pictures
 from vfm_sdm.inputs.video.luma import luma_bits, luma_plane
@@ -249,11 +250,10 @@ class ContainerSource:
                 raise VideoError(f"{self._path}: expected at least one usable frame, got none: {why}")
             rotation_deg = read_rotation(picture, self._path)
             width, height = _turned_size(picture, rotation_deg)
+            said_of_it = {**container.metadata, **video.metadata}
             rate = video.average_rate or video.guessed_rate
             base = video.time_base or Fraction(1)
-            clock = read_capture_clock(
-                rate, {**container.metadata, **video.metadata}, capture_fps=capture_fps, time_base=base
-            )
+            clock = read_capture_clock(rate, said_of_it, capture_fps=capture_fps, time_base=base)
             aspect, said = read_pixel_aspect(video.sample_aspect_ratio, rotation_deg)
             duration_s = _duration_s(container, video)
             return (
@@ -276,7 +276,9 @@ class ContainerSource:
                     size_bytes=self._path.stat().st_size,
                     remarks=said + clock.remarks,
                     doubts=clock.doubts + (INTERLACED,) * picture.interlaced_frame,
-                    camera=read_camera_tags({**container.metadata, **video.metadata}, self._path),
+                    camera=read_camera_tags(said_of_it, self._path),
+                    time_code=read_time_code(said_of_it),
+                    date=read_date(said_of_it),
                 ),
             )
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.errors import VideoError
+from vfm_sdm.inputs.video.continuity import doubt_dates, missing_by_code, missing_by_stamps
 from vfm_sdm.inputs.video.cuts import Cut, CutSource
 from vfm_sdm.inputs.video.decoder import Start
 from vfm_sdm.inputs.video.records import Frame, FrameSource, VideoInfo
@@ -19,10 +20,6 @@ from vfm_sdm.inputs.video.records import Frame, FrameSource, VideoInfo
 __all__ = ["IntervalSource", "JoinedSource", "SeekableSource"]
 
 _SAME_RATE = 1e-3
-_OWN_CLOCK_S = 1.0
-"""Difference of first stamps up to which both chapters begin a clock of their own [s]: encoders delay some frames."""
-_WITHIN_FRAME = 0.5
-"""Share of the time between two frames by which stamps of two files may miss each other and still go on [1]."""
 
 
 @runtime_checkable
@@ -165,8 +162,9 @@ class JoinedSource:
     Notes
     -----
     Cameras that write chapters lose no frame between them and begin each with a stamp near zero: the first frame of a
-    chapter comes one interval after the last one of the chapter before. Files whose stamps go on where others end keep
-    what their stamps say, with gaps, which are named.
+    chapter comes one interval after the last one of the chapter before, unless time codes tell of more. Files whose
+    stamps go on where others end keep what their stamps say. Gaps are named, and so are files whose dates lie farther
+    apart than they are joined.
     """
 
     def __init__(self, sources: Sequence[SeekableSource]) -> None:
@@ -190,7 +188,7 @@ class JoinedSource:
                 f"{len(sources)} chapters as one recording: {names}",
                 *self._describe_gaps(),
             ),
-            doubts=tuple(dict.fromkeys(doubts)),
+            doubts=tuple(dict.fromkeys([*doubts, *self._doubt_dates()])),
         )
         self.info = joined
         self.begins_s = sources[0].begins_s
@@ -209,12 +207,17 @@ class JoinedSource:
     def _gaps_s(self) -> list[float]:
         """What is missing after each chapter but the last one [s]."""
         pairs = zip(self._sources, self._sources[1:], strict=False)
-        return [_gap_s(before, after, before.clock()) for before, after in pairs]
+        return [_gap_s(before, after) for before, after in pairs]
 
     def _describe_gaps(self) -> list[str]:
         """Sentences on what is missing between chapters."""
         joints = zip(self._sources, self._sources[1:], self._gaps_s, strict=False)
         return [f"{gap:.3f} s missing between {a.info.source} and {b.info.source}" for a, b, gap in joints if gap > 0]
+
+    def _doubt_dates(self) -> list[str]:
+        """Sentences on chapters whose files were begun later than they are joined."""
+        joints = zip(self._sources, self._sources[1:], np.diff([start for _, start in self._starts]), strict=False)
+        return [doubt for a, b, length in joints if (doubt := doubt_dates((a.info, b.info), float(length)))]
 
     def clock(self) -> FloatArray:
         """Times of all frames from the first one, shape (T,) [s]."""
@@ -320,19 +323,12 @@ def _length_s(source: SeekableSource, clock: FloatArray) -> float:
     return float(clock[-1]) + _interval_s(source, clock)
 
 
-def _gap_s(before: SeekableSource, after: SeekableSource, clock: FloatArray) -> float:
-    """Time that is missing between two chapters by their stamps [s]; 0 where each begins a clock of its own."""
-    length = _length_s(before, clock)
-    if abs(after.begins_s - before.begins_s) < min(_OWN_CLOCK_S, length / 2):
-        return 0.0
-    gap = after.begins_s - before.begins_s - length
-    interval = _interval_s(before, clock)
-    if gap < -_WITHIN_FRAME * interval:
-        raise VideoError(
-            f"{after.info.source}: expected a chapter that begins where {before.info.source} ends, got one that begins "
-            f"{-gap:.3f} s earlier; correct the order of the chapters"
-        )
-    return gap if gap > _WITHIN_FRAME * interval else 0.0
+def _gap_s(before: SeekableSource, after: SeekableSource) -> float:
+    """Time that is missing between two chapters by their stamps, or, where these begin anew, by time codes [s]."""
+    clock, infos = before.clock(), (before.info, after.info)
+    with_next = np.append(clock, _length_s(before, clock))
+    gap_s = missing_by_stamps(infos, (before.begins_s, after.begins_s), with_next)
+    return gap_s or missing_by_code(infos, len(clock))
 
 
 def _check_alike(first: VideoInfo, other: VideoInfo) -> None:

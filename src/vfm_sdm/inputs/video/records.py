@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Protocol
 
 import numpy as np
@@ -58,6 +59,10 @@ class VideoInfo:
     """Size of the compressed data, as far as the file tells; ``None`` of images [byte]."""
     camera: CameraTags = field(default_factory=CameraTags)
     """What the file says of the camera."""
+    time_code: str = ""
+    """Time code of the first frame, as the camera wrote it."""
+    date: datetime | None = None
+    """When the file was begun, by its own account."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

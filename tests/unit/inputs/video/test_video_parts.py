@@ -11,6 +11,7 @@ from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video import open_images, open_video
 from vfm_sdm.inputs.video.coding import read_coded_clip
 from vfm_sdm.inputs.video.container import ContainerSource
+from vfm_sdm.inputs.video.continuity import count_time_code, read_time_code
 
 COUNT = 60
 OPEN = {"x264-params": "open-gop=1:scenecut=0"}
@@ -21,7 +22,7 @@ FILES = [
 ]
 
 
-def write(path, codec="libx264", *, lumas=None, start=0, gop=7, **options):
+def write(path, codec="libx264", *, lumas=None, start=0, gop=7, metadata=None, **options):
     """A clip whose key frames are seven frames apart, with frames that refer to later ones."""
     lumas = scene(COUNT) if lumas is None else lumas
     settings = {**REAL[codec], **options}
@@ -30,7 +31,7 @@ def write(path, codec="libx264", *, lumas=None, start=0, gop=7, **options):
     else:
         settings["x265-params"] = f"log-level=none:keyint={gop}:min-keyint={gop}:bframes=3"
     stamps = [round((start + i) / RATE / TIME_BASE) for i in range(len(lumas))]
-    return write_clip(path, lumas, codec=codec, options=settings, stamps=stamps)
+    return write_clip(path, lumas, codec=codec, options=settings, stamps=stamps, metadata=metadata)
 
 
 def taken(frames):
@@ -113,6 +114,85 @@ def test_stamps_that_go_on_tell_what_is_missing_between_chapters(tmp_path):
     assert any("0.120 s missing between" in remark for remark in joined.info.remarks)
     following = write(tmp_path / "3.mkv", lumas=lumas[20:], start=20)
     assert not any("missing" in remark for remark in open_video(first, following).info.remarks)
+
+
+def write_chapters(folder, *, suffix="mov", **said):
+    """Two chapters of 20 frames, each with a clock of its own and what the lists say of it."""
+    lumas = scene(40)
+    return [
+        write(
+            folder / f"{number}.{suffix}",
+            lumas=lumas[20 * number : 20 * number + 20],
+            metadata={key: values[number] for key, values in said.items() if values[number]},
+        )
+        for number in range(2)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("codes", "missing"),
+    [
+        (("10:00:00:00", "10:00:00:20"), 0),
+        (("10:00:00:00", "10:00:00:21"), 0),  # a code that runs on its own is one off by rounding
+        (("10:00:00:10", "10:00:02:15"), 35),
+        (("23:59:59:20", "00:00:01:00"), 10),  # over midnight
+        (("10:00:00:00", "00:00:00:00"), 0),  # begins anew
+        (("10:00:00:00", ""), 0),
+    ],
+)
+@pytest.mark.parametrize("suffix", ["mov", "mp4"])
+def test_time_codes_tell_what_is_missing_between_chapters(tmp_path, codes, missing, suffix):
+    joined = open_video(*write_chapters(tmp_path, suffix=suffix, timecode=codes))
+    time_s = [frame.time_s for frame in joined.frames()]
+    np.testing.assert_allclose(np.diff(time_s)[18:21], np.array([1, 1 + missing, 1]) / RATE, atol=1e-9)
+    assert joined.report.dropped == missing
+    said = [remark for remark in joined.info.remarks if "missing between" in remark]
+    assert len(said) == (missing > 0)
+    if missing:
+        assert f"{missing / RATE:.3f} s missing" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("code", "fps", "count"),
+    [
+        ("00:00:00:00", 25.0, 0),
+        ("01:00:00:00", 24.0, 86400),
+        ("00:00:59;29", 30000 / 1001, 1799),
+        ("00:01:00;02", 30000 / 1001, 1800),
+        ("00:10:00;00", 30000 / 1001, 17982),
+        ("01:00:00;00", 30000 / 1001, 107892),
+        ("00:01:00;04", 60000 / 1001, 3600),
+    ],
+)
+def test_numbers_of_time_codes(code, fps, count):
+    assert count_time_code(code, fps) == count
+
+
+def test_text_that_is_no_time_code():
+    assert read_time_code({"timecode": "noon"}) == ""
+    assert read_time_code({}) == ""
+    with pytest.raises(ValueError, match="expected a time code, got 'noon'"):
+        count_time_code("noon", 25.0)
+
+
+@pytest.mark.parametrize(
+    ("dates", "doubted"),
+    [
+        (("2026-05-01T10:00:00Z", "2026-05-01T10:00:01Z"), False),
+        (("2026-05-01T10:00:00Z", "2026-05-01T10:00:00Z"), False),  # that of the recording, in both
+        (("2026-05-01T10:00:00Z", "2026-05-01T10:07:00Z"), True),
+        (("1970-01-01T00:00:00Z", "2026-05-01T10:07:00Z"), False),  # a clock that was never set
+        (("2026-05-01T10:00:00Z", ""), False),
+    ],
+)
+def test_chapters_of_files_that_were_begun_later_are_doubted(tmp_path, dates, doubted):
+    joined = open_video(*write_chapters(tmp_path, creation_time=dates))
+    said = [doubt for doubt in joined.info.doubts if "by the dates of the files" in doubt]
+    assert len(said) == doubted
+    if doubted:
+        assert "was begun 420 s after" in said[0]
+        assert "measure them one by one" in said[0]
+    assert joined.report.dropped == 0
 
 
 def test_chapters_in_another_order_are_refused(tmp_path):

@@ -55,11 +55,13 @@ def write_clip(
     stamps=None,
     rotation=None,
     edit=None,
+    metadata=None,
 ):
     """Encode pictures; ``stamps`` in units of `TIME_BASE`, ``edit`` changes the finished list of packets."""
     options = LOSSLESS[codec] if options is None else options
     stamps = [round(i / RATE / TIME_BASE) for i in range(len(lumas))] if stamps is None else stamps
     with av.open(str(path), "w", options=container_options or {}) as container:
+        container.metadata.update(metadata or {})
         stream = container.add_stream(codec, rate=RATE, options=options)
         stream.height, stream.width = lumas[0].shape
         stream.pix_fmt = pixel_format
