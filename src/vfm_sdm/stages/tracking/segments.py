@@ -229,6 +229,8 @@ def track_segments(
     ------
     ResultsError
         A segment cannot be kept.
+    Exception
+        An error of ``progress`` itself, which ends the work: what is done is kept.
     """
     places = [(view, number) for view, tasks in plans.items() for number in range(len(tasks))]
     held: dict[tuple[str, int], xr.Dataset] = {}
@@ -262,7 +264,10 @@ def track_segments(
         else:
             frames[view] += found.sizes["time"]
     if work.executor is None:
-        failed = run_tasks(track_here, left, None, keep)
+        try:
+            failed = run_tasks(track_here, left, None, keep)
+        except _ToldError as told:
+            raise told.error from told.error.__cause__
     else:
         tasks = [plans[view][number].on_one_thread() for view, number in left]
         failed = run_tasks(track_segment, tasks, work.executor, keep)
@@ -372,6 +377,22 @@ def _counted_on(progress: Progress | None, first: int) -> Progress | None:
     return None if progress is None else lambda what, done, total: progress(what, first + done, total)
 
 
+class _ToldError(BaseException):
+    """An error of the caller's, whom progress is told; it is none of a segment, of which the next one would begin."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+
 def _named(progress: Progress | None, view: str) -> Progress | None:
     """Progress that also says which view it is about."""
-    return None if progress is None else lambda what, done, total: progress(f"{what} {view}", done, total)
+    if progress is None:
+        return None
+
+    def tell(what: str, done: int, total: int | None) -> None:
+        try:
+            progress(f"{what} {view}", done, total)
+        except Exception as error:
+            raise _ToldError(error) from error
+
+    return tell

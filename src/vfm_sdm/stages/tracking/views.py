@@ -125,7 +125,10 @@ def _finish(name: str, view: _View, tracked: TrackedSegments) -> xr.Dataset:
     """Tracks of a view, of the records of its segments."""
     records = tracked.records()
     report = join_passes([read_pass(record) for record in records]).report(view.video.info)
-    found = view.tracker.judge(join_records(records), view.targets, view.video.info)
+    joined = join_records(records)
+    del records  # of hours, half of all memory
+    found = view.tracker.judge(joined, view.targets, view.video.info)
+    del joined
     if len(view.targets.names) < len(view.names):
         missing = {
             "status": found["status"].dtype.type(Status.LOST),

@@ -306,6 +306,22 @@ class TestProgress:
         track(film, executor=FailsAt(40), pieces=pieces)
         assert self.count(film, executor=FailsAt(), pieces=pieces) == [FRAMES]
 
+    def test_who_is_told_can_end_the_work(self, film, tmp_path):
+        """An error of progress counted as one of the segment, and the next one began."""
+
+        def tell(what, done, total):
+            said.append(done)
+            if done > 40:
+                raise RuntimeError("enough")
+
+        said: list[int] = []
+        pieces = Pieces(tmp_path, "key")
+        work = Work(1.0, pieces=pieces)
+        with pytest.raises(RuntimeError, match="enough"):
+            track_views({"cam": open_video(film)}, as_points(HOME), IcgnTracker(subset_px=31), progress=tell, work=work)
+        assert said[-1] <= 60
+        assert pieces.read(0, 0) is not None
+
 
 class Still:
     """A tracker of someone else, whose points never move; it need not look at the frames."""
