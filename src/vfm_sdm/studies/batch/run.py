@@ -4,18 +4,21 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from vfm_sdm.core.executors import run_tasks
 from vfm_sdm.core.statuses import SessionOutcome
 from vfm_sdm.errors import VfmSdmError
-from vfm_sdm.inputs.session import Defaults, read_session
+from vfm_sdm.inputs.session import Defaults, open_views, read_session
 from vfm_sdm.measurement import measure
 from vfm_sdm.studies.batch.table import BatchRow, describe_run, write_rows
 
 __all__ = ["batch"]
 
 _TABLE = "batch.csv"
+_LONG = 1.5
+"""Segments from which on a recording is divided."""
 
 
 def batch(
@@ -40,7 +43,8 @@ def batch(
     defaults
         What the files need not say.
     executor
-        Who measures a session: processes, or a cluster; one after another in this process when ``None``.
+        Who measures: processes, or a cluster; one session after another in this process when ``None``. Sessions whose
+        recordings are of several segments come last, one after another, with their segments shared by all workers.
     report
         Called with the line of each session when it is done.
 
@@ -66,8 +70,15 @@ def batch(
         if report is not None:
             report(row)
 
-    for number, error in run_tasks(_measure_one, tasks, executor, done).items():
-        done(number, _failed(tasks[number], _explain(error)))
+    def measure_all(numbers: list[int], one: Callable[[_Task], BatchRow], workers: Executor | None) -> None:
+        chosen = [tasks[number] for number in numbers]
+        failed = run_tasks(one, chosen, workers, lambda index, row: done(numbers[index], row))
+        for index, error in failed.items():
+            done(numbers[index], _failed(chosen[index], _explain(error)))
+
+    long = [] if executor is None else [number for number, task in enumerate(tasks) if _has_segments(task)]
+    measure_all([number for number in range(len(tasks)) if number not in long], _measure_one, executor)
+    measure_all(long, partial(_measure_one, executor=executor), None)
     return [rows[one] for one in sorted(rows)]
 
 
@@ -82,11 +93,21 @@ class _Task:
     defaults: Defaults | None
 
 
-def _measure_one(task: _Task) -> BatchRow:
+def _has_segments(task: _Task) -> bool:
+    """Whether a recording of a session is of several segments, which workers can share."""
+    try:
+        session = read_session(task.file, defaults=task.defaults)
+        durations_s = [video.info.duration_s or 0.0 for video in open_views(session).values()]
+    except VfmSdmError:
+        return False  # whoever measures it says what is wrong
+    return max(durations_s) >= _LONG * session.method.segment_s
+
+
+def _measure_one(task: _Task, executor: Executor | None = None) -> BatchRow:
     """The line of a session. An error on purpose is its result: to try again would not help."""
     begin = time.perf_counter()
     try:
-        measurement = measure(read_session(task.file, defaults=task.defaults), task.run)
+        measurement = measure(read_session(task.file, defaults=task.defaults), task.run, executor=executor)
     except VfmSdmError as error:
         return _failed(task, "; ".join(line.strip() for line in str(error).splitlines()))
     return describe_run(task.name, task.named, measurement, time.perf_counter() - begin)

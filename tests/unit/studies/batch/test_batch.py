@@ -3,8 +3,9 @@
 import csv
 import os
 import signal
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,7 +13,7 @@ from scenes import write_scene
 from vfm_sdm.core.executors import ProcessWorkers
 from vfm_sdm.core.statuses import SessionOutcome
 from vfm_sdm.errors import ResultsError, SessionError
-from vfm_sdm.inputs.session import read_defaults
+from vfm_sdm.inputs.session import Method, read_defaults
 from vfm_sdm.studies.batch import BatchRow, batch, find_sessions, write_rows
 from vfm_sdm.studies.batch import run as module
 
@@ -83,6 +84,32 @@ def test_a_process_that_dies_takes_no_other_along(tmp_path, monkeypatch):
     assert sorted(row.session for row in reported) == ["dies", "one", "two"]
 
 
+def test_segments_of_long_sessions_are_shared_by_all_workers(tmp_path, monkeypatch):
+    durations_s = {"short": 60.0, "long": 100.0, "short too": 80.0}
+
+    def read(file, **_):
+        return SimpleNamespace(name=file.parent.name, method=Method(segment_s=60.0))
+
+    def open_them(session):
+        info = SimpleNamespace(duration_s=durations_s[session.name])
+        return {"left": SimpleNamespace(info=info)}
+
+    begun = []
+
+    def note(session, run, *, executor=None):
+        begun.append((session.name, executor))
+        raise SessionError("enough")
+
+    monkeypatch.setattr(module, "read_session", read)
+    monkeypatch.setattr(module, "open_views", open_them)
+    monkeypatch.setattr(module, "measure", note)
+    with ThreadPoolExecutor(1) as executor:
+        sessions = {name: tmp_path / name / "session.toml" for name in durations_s}
+        rows = batch(sessions, tmp_path / "runs", executor=executor)
+        assert begun == [("short", None), ("short too", None), ("long", executor)]
+    assert [row.session for row in rows] == list(durations_s)
+
+
 def test_whatever_goes_wrong_is_one_line(tmp_path, monkeypatch):
     errors = {
         "session": SessionError("s.toml: 2 faults\n  a: wrong\n  b: wrong"),
@@ -91,7 +118,7 @@ def test_whatever_goes_wrong_is_one_line(tmp_path, monkeypatch):
     }
     monkeypatch.setattr(module, "read_session", lambda file, **_: file.name)
 
-    def fail(session, run):
+    def fail(session, run, executor=None):
         raise errors[run.name]
 
     monkeypatch.setattr(module, "measure", fail)
