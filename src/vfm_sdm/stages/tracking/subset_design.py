@@ -12,7 +12,7 @@ from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.designs import USUAL_SUBSET_PX, SubsetDesign, check_subset_px
 from vfm_sdm.stages.tracking.design.choice import MARGIN_PX, SIZES_PX, SubsetChoice, choose_subset
-from vfm_sdm.stages.tracking.design.samples import find_covered, sample_windows
+from vfm_sdm.stages.tracking.design.samples import find_covered, find_hidden, sample_windows
 from vfm_sdm.stages.tracking.inputs import check_points
 
 __all__ = ["SubsetChoice", "describe_subsets", "design_subsets"]
@@ -69,7 +69,8 @@ def design_subsets(
     **Refused** are points that no direction of which would be measured to 0.1 px in a frame.
 
     Frames in which something passes before a point are left out, see
-    `vfm_sdm.stages.tracking.design.samples.find_covered`.
+    `vfm_sdm.stages.tracking.design.samples.find_covered`; of a point that is named in another frame than the first, all
+    that do not resemble that frame (`vfm_sdm.stages.tracking.design.samples.find_hidden`): it may be hidden in most.
 
     Where less than two other frames can be read, or the square leaves the picture, nothing is known of a point: it gets
     a whole square and an affine warp.
@@ -105,6 +106,10 @@ def design_subsets(
         if not fitting or len(sampled.windows[row]) <= _FEWEST_FRAMES:
             return _unknown(subset_px)
         offset, frames = points[row] - sampled.centers[row], sampled.windows[row]
+        if reference_frame:
+            frames = frames[np.append(True, ~find_hidden(frames, min(fitting)))]
+            if len(frames) <= _FEWEST_FRAMES:
+                return _unknown(subset_px)
         seen = np.append(True, ~find_covered(_middle(frames, max(fitting) + 2 * MARGIN_PX)))
         choice = choose_subset(frames[seen], offset, fitting)
         return replace(choice, nearest=_place_inside(choice.nearest + points[row], limit))
