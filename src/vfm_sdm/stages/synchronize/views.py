@@ -16,7 +16,9 @@ __all__ = ["synchronize_tracks"]
 
 _SEARCH_S = 3.0
 """Largest difference between the stated and the true offset of a view [s]."""
-_OF_HALVES = ("half_difference", "half_covariance")
+_OF_ONE_VIEW = ("half_difference", "half_covariance", "reference", "reference_covariance", "reference_frame")
+"""What is left behind: halves of subsets, which are a third of long tracks and which nobody compares on a common clock;
+and reference frames, whose numbers are each view's own."""
 
 
 def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: Rig | None = None) -> xr.Dataset:
@@ -49,8 +51,7 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: 
         The recordings do not overlap.
     """
     stated = {view.name: session.begins_s(view) for view in session.view}
-    # On a common clock nobody compares halves of subsets, which are a third of long tracks.
-    tracks = {name: of_view.drop_vars(_OF_HALVES, errors="ignore") for name, of_view in tracks.items()}
+    tracks = {name: of_view.drop_vars(_OF_ONE_VIEW, errors="ignore") for name, of_view in tracks.items()}
     found: dict[str, Synchronization] = {}
     moving = [p.name for p in session.point if not p.static]
     if session.method.synchronization == "motion" and moving:
