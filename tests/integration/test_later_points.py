@@ -7,21 +7,14 @@ import pytest
 from scenes import DEPTH, FPS, POINTS, make_rig, motion_mm, render
 from textures import WaveTexture
 from vfm_sdm.core.datasets import Status
-from vfm_sdm.errors import SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import (
-    FirstFrames,
-    Point,
     Session,
-    find_reference_frames,
-    open_views,
     read_session,
-    session_hash,
     write_session,
 )
-from vfm_sdm.measurement import Measurement, measure
+from vfm_sdm.measurement import measure
 from vfm_sdm.stages.cameras.file import write_rig
-from vfm_sdm.stages.cameras.solution import read_solution
 
 FRAMES, GONE, NAMED, BEHIND = 36, 9, 14, 4
 """Frames in all; those that the lorry hides; the one of the names; by which the right view begins later."""
@@ -68,7 +61,12 @@ def recorded(tmp_path_factory):
             for view, offset_s in (("left", 0.0), ("right", BEHIND / FPS))
         ],
         point=[
-            {"name": name, "view": "left", "pixel": pixel(rig, name, NAMED if name in named else 0), **named.get(name, {})}
+            {
+                "name": name,
+                "view": "left",
+                "pixel": pixel(rig, name, NAMED if name in named else 0),
+                **named.get(name, {}),
+            }
             for name in POINTS
         ],
         method={"cameras": "file", "synchronization": "none", "injection": False},

@@ -48,10 +48,10 @@ def points_of(numbers, places=None):
 LATER = np.where(LATE, NAMED, 0)
 
 
-def track(video, numbers=LATER, *, tracker=None, segment_s=60.0, subsets=None, executor=None):
+def track(video, numbers=LATER, *, tracker=None, segment_s=60.0, subsets=None, executor=None, places=None):
     tracker = tracker or IcgnTracker(subset_px=31)
     work = Work(segment_s, executor)
-    return track_views({"cam": video}, points_of(numbers), tracker, subsets=subsets, work=work)["cam"]
+    return track_views({"cam": video}, points_of(numbers, places), tracker, subsets=subsets, work=work)["cam"]
 
 
 def designed(video):
@@ -86,3 +86,63 @@ def test_a_point_behind_a_lorry_is_lost_there_and_right_after_it(video, tracker,
     assert tracks.attrs["recording"]["segments"] == (1 if segment_s > 10 else 6)
     check(tracks, within_px=0.05 if tracker.name == "icgn" else 0.1)
     np.testing.assert_array_equal(tracks["reference"].values, np.broadcast_to(LATER, (FRAMES, 4)))
+
+
+def test_designed_subsets_are_those_of_the_frame_that_shows_the_point(video):
+    subsets = designed(video)
+    # Two fifths of the samples show the lorry, and none of them votes: all of a plate moves with its points.
+    assert all(choice.believed > 0.9 and choice.design is not None for choice in subsets["cam"].values())
+    found = {}
+    for segment_s in (60.0, 1.0):
+        tracks = track(video, tracker=IcgnTracker(), subsets=subsets, segment_s=segment_s)
+        late = tracks["status"].values[:, LATE]
+        assert (late[GONE + 5 :] == Status.OK).all()
+        assert not (late[: GONE - 5] == Status.OK).any()
+        ok = tracks["status"].values == Status.OK
+        # The error is stated: of the reference frame's noise, which all frames of a point share, and of their own.
+        std = np.sqrt(np.einsum("tpii->tpi", tracks["position_covariance"].values))[ok]
+        error = np.abs(errors(tracks)[ok])
+        assert error.max() < 0.05
+        assert 0.3 < np.sqrt(np.mean((error / np.maximum(std, 1e-3)) ** 2)) < 2.0
+        found[segment_s] = tracks["position"].values
+    both = np.isfinite(found[60.0]) & np.isfinite(found[1.0])
+    np.testing.assert_allclose(found[1.0][both], found[60.0][both], atol=2e-3)
+
+
+def test_it_does_not_matter_who_tracks(video):
+    here = track(video, segment_s=2.0)
+    with ProcessWorkers(1) as workers:
+        there = track(video, segment_s=2.0, executor=workers)
+    xr.testing.assert_identical(there.drop_attrs(), here.drop_attrs())
+
+
+def test_a_point_that_was_there_all_along_is_tracked_back_to_the_first_frame(video):
+    numbers = np.array([NAMED, NAMED, NAMED, 59])
+    first = track(video, np.zeros(4, int), places=np.where(LATE[:, None], HOME[0], HOME))
+    for segment_s in (60.0, 1.0):
+        tracks = track(video, numbers, segment_s=segment_s)
+        assert (tracks["status"].values[:, ~LATE] == Status.OK).all()
+        assert np.abs(errors(tracks)[:, ~LATE]).max() < 0.05
+        # Compared with another frame, whose noise is another.
+        np.testing.assert_allclose(tracks["position"].values[:, ~LATE], first["position"].values[:, ~LATE], atol=0.03)
+
+
+def test_trackers_that_begin_with_the_first_frame_refuse_such_points(video):
+    class Other:
+        name = "other"
+
+        def track(self, video, points2d, *, names, reference_frame=0, progress=None):
+            raise AssertionError
+
+    with pytest.raises(SessionError, match=r"'b', 'c': expected points of the first frame.*'other'.*choose tracker"):
+        track(video, tracker=Other())
+    check_later_points(Other(), [])
+
+
+def test_frames_that_show_something_else_are_told():
+    rng = np.random.default_rng(0)
+    plate = cv2.GaussianBlur(rng.normal(128, 90, (121, 121)), (0, 0), 2.0)
+    others = cv2.GaussianBlur(rng.normal(128, 90, (121, 121)), (0, 0), 2.0)
+    shown = [np.roll(plate, 25, axis=0) + rng.normal(0, 2, plate.shape), others, np.full_like(plate, 7.0)]
+    frames = np.clip([plate, *shown], 0, 255).astype(np.uint8)
+    assert find_hidden(frames, 41).tolist() == [False, True, True]
