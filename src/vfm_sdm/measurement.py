@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.files import file_hash
 from vfm_sdm.core.products import product
 from vfm_sdm.core.progress import Progress
@@ -26,12 +27,13 @@ from vfm_sdm.inputs.session import (
     FirstFrames,
     Session,
     SessionChain,
+    find_reference_frames,
     input_files,
     open_views,
     write_session,
 )
 from vfm_sdm.inputs.video import Video
-from vfm_sdm.outputs.plots import save_figures
+from vfm_sdm.outputs.plots import first_places, save_figures, save_later_points
 from vfm_sdm.outputs.results import describe_measurement
 from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, REVISIT, TRACKS
 from vfm_sdm.stages.audit import Audit, AuditInputs, audit
@@ -46,10 +48,10 @@ from vfm_sdm.stages.intervals import Carried, MeasuredInterval, measure_interval
 from vfm_sdm.stages.refinement import Refinement, refine, sgr_settings
 from vfm_sdm.stages.revisit import Revisit, Visit, compare_to_baseline
 from vfm_sdm.stages.synchronize import synchronize_tracks
-from vfm_sdm.stages.tracking.base import DesignedTracker
+from vfm_sdm.stages.tracking.base import DesignedTracker, check_later_points
 from vfm_sdm.stages.tracking.injection.views import correct_tracks, inject_views
 from vfm_sdm.stages.tracking.segments import Work
-from vfm_sdm.stages.tracking.subset_design import SubsetChoice, describe_subsets, design_subsets
+from vfm_sdm.stages.tracking.subset_design import SubsetChoice, SubsetDesigns, describe_subsets
 from vfm_sdm.stages.tracking.track_noise import include_static_noise
 from vfm_sdm.stages.tracking.views import is_whole, track_views
 
@@ -96,7 +98,7 @@ class Measurement(SessionChain):
     ) -> None:
         super().__init__(session, None if folder is None else Path(folder), whole_files=whole_files)
         self.progress, self._executor = progress, executor
-        self._choices: dict[tuple[Any, ...], SubsetChoice] = {}
+        self._designs = SubsetDesigns(self._say)
 
     # What was filmed.
 
@@ -110,22 +112,43 @@ class Measurement(SessionChain):
         """First frame of every view."""
         return FirstFrames(self.recordings)
 
+    @product(
+        reads=(
+            *("view.name", "view.time_offset_s", "view.start", "view.use_s"),
+            *("point.name", "point.view", "point.frame", "point.time_s"),
+        ),
+        needs=("recordings",),
+        # Other offsets must not cost anything where the frames stay as they are, or all are the first ones.
+        identity=lambda numbers: numbers,
+    )
+    def reference_frames(self, session: Session) -> dict[str, dict[str, int]]:
+        """Numbers of the frames in which points are named that come into view later, by view and point."""
+        late = any(point.comes_later for point in session.point)
+        return find_reference_frames(session, self.recordings) if late else {}
+
     # B and A: cameras, points in every view, tracks.
 
     @product(
         reads=(
             *("view.name", "view.images", "view.lens", "view.camera", "view.level", "view.stands"),
             *("view.perpendicular_distance", "view.longitudinal_distance"),
-            *("site", "point", "chessboard", "method.subset_px"),
+            *("point.name", "point.view", "point.pixel", "point.pixel_in", "point.static"),
+            *("site", "chessboard", "method.subset_px"),
         ),
-        needs=("frames",),
+        needs=("frames", "reference_frames"),
         parts=("cameras", "matchers"),
         kept=CAMERAS,
     )
     def cameras(self, session: Session) -> CameraSolution:
         """Cameras, structural axes, and the points' pixels that helped to adjust them to the site."""
         self._say("cameras")
-        return solve_cameras(session, self.frames, self.part("cameras"), matcher=self.part("matchers"))
+        return solve_cameras(
+            session,
+            self.frames,
+            self.part("cameras"),
+            matcher=self.part("matchers"),
+            reference_frames=self.reference_frames,
+        )
 
     @product(
         needs=("cameras",),
@@ -134,12 +157,12 @@ class Measurement(SessionChain):
         identity=lambda points: points.to_dict(),
     )
     def points(self, session: Session) -> xr.Dataset:
-        """Pixels of every point in the first frame of every view."""
+        """Pixels of every point in every view, in its first frame or in the one in which it is named."""
         return self.cameras.points
 
     @product(
         reads=("point.name", "point.view", "point.pixel", "point.pixel_in"),
-        needs=("recordings",),
+        needs=("recordings", "reference_frames"),
         parts=("trackers",),
     )
     def expectation(self, session: Session) -> dict[str, xr.Dataset]:
@@ -148,7 +171,8 @@ class Measurement(SessionChain):
         for point in session.point:
             for view, pixel in {point.view: point.pixel, **point.pixel_in}.items():
                 named.setdefault(view, {})[point.name] = np.array(pixel)
-        chosen = {view: self._choose(view, places, session.method.subset_px) for view, places in named.items()}
+        size, late = session.method.subset_px, self.reference_frames
+        chosen = {view: self._choose(view, places, size, late.get(view, {})) for view, places in named.items()}
         return {view: describe_subsets(list(of), list(of.values())) for view, of in chosen.items()}
 
     @product(needs=("recordings", "points"), parts=("trackers",))
@@ -156,10 +180,12 @@ class Measurement(SessionChain):
         """What the subset of every point compares, by view and point; empty for trackers that compare none."""
         found = {}
         for view in self.points["view"].values.tolist():
-            position = self.points["position"].sel(view=view)
-            places = {str(name): position.sel(point=name).values for name in position["point"].values}
+            of_view = self.points.sel(view=view)
+            names = [str(name) for name in of_view["point"].values]
+            places = {name: of_view["position"].sel(point=name).values for name in names}
             known = {name: place for name, place in places.items() if np.isfinite(place).all()}
-            found[view] = self._choose(view, known, session.method.subset_px)
+            numbers = dict(zip(names, frames_of_points(of_view).tolist(), strict=True))
+            found[view] = self._choose(view, known, session.method.subset_px, numbers)
         return found
 
     @product(
@@ -325,8 +351,9 @@ class Measurement(SessionChain):
         if self.folder is None or self.displacement is None:
             return []
         self._say("figures")
-        places = {str(v): self.points["position"].sel(view=v).values for v in self.points["view"].values}
-        return save_figures(self.folder, self.tracks, self.displacement, self.frames, places, audit=self.audit)
+        places = first_places(self.points)
+        drawn = save_figures(self.folder, self.tracks, self.displacement, self.frames, places, audit=self.audit)
+        return drawn + save_later_points(self.folder, self.points, self.frames.picture)
 
     @product(reads=("*",), needs=("cameras", "tracks", "displacement", "audit", "revisit"))
     def summary(self, session: Session) -> dict[str, Any]:
@@ -374,33 +401,17 @@ class Measurement(SessionChain):
         return self
 
     def check_method(self) -> None:
-        """Makes every part that the session asks for, which has to name a point, before any work is done.
+        """As `SessionChain.check_method`, and that the tracker can follow points that come into view later."""
+        super().check_method()
+        check_later_points(self._part("trackers"), [one.name for one in self._session.point if one.comes_later])
 
-        Raises
-        ------
-        BackendUnavailableError, SessionError
-            One of them is unknown or cannot run here; or there is no point.
-        """
-        self._session.check_points()
-        for kind in (kind for name in self.products() for kind in self.product(name).parts):
-            self._part(kind)
-
-    def rounded_seconds(self) -> dict[str, float]:
-        """Time that each product took [s], by label."""
-        return {name: round(value, 3) for name, value in self.seconds.items()}
-
-    def _choose(self, view: str, places: Mapping[str, FloatArray], subset_px: int | None) -> dict[str, SubsetChoice]:
+    def _choose(
+        self, view: str, places: Mapping[str, FloatArray], subset_px: int | None, numbers: Mapping[str, int]
+    ) -> dict[str, SubsetChoice]:
         """Subsets of points at places (2,) [px] of a view, by name, each looked at once; none without use for them."""
         if not isinstance(self.part("trackers"), DesignedTracker):
             return {}
-        keys = {name: (view, *place.tolist(), subset_px) for name, place in places.items()}
-        missing = [name for name, key in keys.items() if key not in self._choices]
-        if missing:
-            self._say(f"subsets {view}")
-            points2d = np.array([places[name] for name in missing])
-            found = design_subsets(self.recordings[view], points2d, missing, subset_px=subset_px)
-            self._choices |= {keys[name]: choice for name, choice in zip(missing, found, strict=True)}
-        return {name: self._choices[key] for name, key in keys.items()}
+        return self._designs.choose(self.recordings[view], view, places, numbers, subset_px)
 
     def _measure_interval(
         self, session: Session, tracks: Mapping[str, xr.Dataset], carried: Carried

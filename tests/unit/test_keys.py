@@ -44,6 +44,9 @@ READERS = {
     "point.pixel": ("expectation", "cameras", "points", "displacement", "intervals", "audit"),
     "point.static": ("cameras", "steady", "aligned", "intervals", "audit"),
     "point.pixel_in": ("expectation", "cameras", "points", "intervals", "audit"),
+    # Of these and of when views begin, `reference_frames` tells the numbers of frames, and is told by them.
+    "point.frame": ("reference_frames", "points", "intervals", "audit"),
+    "point.time_s": ("reference_frames", "points", "intervals", "audit"),
     "sensor": (),
     "baseline_visit": ("revisit",),
     "chessboard": ("cameras",),
@@ -74,6 +77,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     """A session in which every table is there, and files of a few bytes; nothing is decoded or solved."""
     monkeypatch.setattr("vfm_sdm.measurement.open_views", lambda session: {})
     monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", solution_of)
+    monkeypatch.setattr("vfm_sdm.measurement.find_reference_frames", frames_of)
     monkeypatch.setattr(Measurement, "part_of", lambda self, kind: {})
     monkeypatch.setattr(Measurement, "part", lambda self, kind: None)
     for name in (
@@ -116,6 +120,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
         point=[
             {"name": "mid", "view": "left", "pixel": [100.0, 80.0], "pixel_in": {"right": [90.0, 80.0]}},
             {"name": "end", "view": "left", "pixel": [200.0, 80.0], "static": True},
+            {"name": "late", "view": "left", "pixel": [240.0, 80.0], "frame": 12},
         ],
         sensor=[{"name": "acc", "file": "corners.csv", "point": "mid", "columns": {"time": "t"}, "units": "g"}],
         baseline_visit="visit",
@@ -124,10 +129,18 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     )
 
 
-def solution_of(session: Session, *_: Any, **__: Any) -> CameraSolution:
+def frames_of(session: Session, videos: Any) -> dict[str, dict[str, int]]:
+    """Frames by their stated numbers, or of 10 a second, in the points' own views."""
+    found: dict[str, dict[str, int]] = {}
+    for point in (one for one in session.point if one.comes_later):
+        found.setdefault(point.view, {})[point.name] = point.frame or round(10 * (point.time_s or 0))
+    return found
+
+
+def solution_of(session: Session, *_: Any, reference_frames: Any, **__: Any) -> CameraSolution:
     """Points where the session names them, and nothing of the cameras."""
     views = sorted({view for point in session.point for view in (point.view, *point.pixel_in)})
-    return CameraSolution(None, None, None, named_points(session, views))
+    return CameraSolution(None, None, None, named_points(session, views, reference_frames))
 
 
 def leaves(model: BaseModel, prefix: str = "") -> list[str]:
@@ -202,8 +215,8 @@ def expected(field: str) -> set[str]:
     found = {*READERS[name], "summary"}
     for product in Measurement.products():
         needs = set(Measurement.product(product).needs)
-        # Points are told by their pixels, so that other cameras alone do not change them.
-        if needs & found and product != "points":
+        # Points are told by their pixels, so that other cameras alone do not change them, and frames by their numbers.
+        if needs & found and product not in ("points", "reference_frames"):
             found.add(product)
     return found
 

@@ -1,17 +1,18 @@
 """Labelled datasets that travel between the stages: their contents, and the checks of them.
 
 points
-    Dims ``view, point, pixel``; ``position`` [px] in the first frame of every view, ``position_std`` [px], ``status``
-    in words (``ok``, or why there is no position).
+    Dims ``view, point, pixel``; ``position`` [px] in the first frame of every view, or in that of number ``frame``
+    (view, point) where some are named in later ones, ``position_std`` [px], ``status`` in words (``ok``, or why there
+    is no position).
 tracks
     One view, own clock: dims ``time, point, pixel``; ``position`` [px], ``position_covariance`` [px2]
     (``pixel_a, pixel_b``), ``status``. Where subsets were designed point by point also ``subset_px`` (point) [px],
     ``warp`` (point) in words, ``believed`` (point, or time and point), the share of pixels believed [1], and
     ``edge_across`` (point, pixel), the unit vector across a point that is measured across an edge only, else NaN: along
     the edge its position is that of the reference frame, with the standard deviation `UNMEASURED_STD_PX`.
-    Where reference frames were renewed also ``reference`` (time, point), the number of the frame that a sample was
-    compared with, and ``reference_covariance`` (reference_frame, point, pixel_a, pixel_b) [px2], what that adds to
-    ``position_covariance``.
+    Where reference frames were renewed, or are not the first frame, also ``reference`` (time, point), the number of the
+    frame that a sample was compared with, and ``reference_covariance`` (reference_frame, point, pixel_a, pixel_b)
+    [px2], what renewal adds to ``position_covariance``.
     With a leading dim ``view`` the tracks share one clock, and what is known of each view's own clock are variables on
     ``view``: ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``;
     and ``clock_use`` (view, point).
@@ -30,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import FloatArray, IntArray
 from vfm_sdm.core.dataset_checks import check_clock, check_codes, check_variable
 from vfm_sdm.core.statuses import SampleStatus
 from vfm_sdm.errors import DatasetError
@@ -47,6 +48,7 @@ __all__ = [
     "check_points",
     "check_tracks",
     "convert_units",
+    "frames_of_points",
     "make_displacement",
     "make_points",
     "make_tracks",
@@ -172,6 +174,29 @@ def make_points(
     except ValueError as error:
         raise DatasetError(f"points: expected arrays of one number of views and points; {error}") from error
     return check_points(found)
+
+
+def frames_of_points(points: xr.Dataset, names: Sequence[str] | None = None) -> IntArray:
+    """Numbers of the frames of a view in which positions of points are stated, shape (P,).
+
+    Parameters
+    ----------
+    points
+        One view of a points dataset, positions of shape (P, 2) [px]; with ``frame`` (point) where some are named in
+        other frames than the first ones.
+    names
+        Names of the points; all of the dataset when left out.
+
+    Examples
+    --------
+    >>> found = make_points(["left"], ["mid"], position=[[[320.0, 240.0]]], position_std=[[[0, 0]]], status=[["ok"]])
+    >>> frames_of_points(found.sel(view="left")).tolist()
+    [0]
+    """
+    chosen = [str(name) for name in points["point"].values] if names is None else list(names)
+    if "frame" not in points:
+        return np.zeros(len(chosen), np.int64)
+    return np.asarray(points["frame"].sel(point=chosen).values, np.int64)
 
 
 def check_points(points: xr.Dataset) -> xr.Dataset:

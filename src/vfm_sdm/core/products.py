@@ -230,6 +230,10 @@ class Chain(Generic[S]):
             self._values[wanted.name] = self._fetch(wanted)
         return cast(T, self._values[wanted.name])
 
+    def rounded_seconds(self) -> dict[str, float]:
+        """Time that each product took [s], by label."""
+        return {name: round(value, 3) for name, value in self.seconds.items()}
+
     def check_outside(self, what: str) -> None:
         """Refuses access to what no product may read, while a product is made.
 

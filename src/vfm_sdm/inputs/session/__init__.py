@@ -13,9 +13,11 @@ from vfm_sdm.inputs.session.recordings import (
     camera_tags,
     input_files,
     open_views,
+    picture_of,
     pixel_aspect,
     quiet_frames,
 )
+from vfm_sdm.inputs.session.reference_frames import find_reference_frames
 from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, Ratio, Readings, Rectangle, Site
 
 __all__ = [
@@ -43,9 +45,11 @@ __all__ = [
     "View",
     "camera_tags",
     "file_hash",
+    "find_reference_frames",
     "input_files",
     "lens_from_exif",
     "open_views",
+    "picture_of",
     "pixel_aspect",
     "quiet_frames",
     "read_defaults",

@@ -38,6 +38,18 @@ class SessionChain(Chain[Session]):
         self.check_outside("the whole session")
         return self._session
 
+    def check_method(self) -> None:
+        """Makes every part that the session asks for, which has to name a point, before any work is done.
+
+        Raises
+        ------
+        BackendUnavailableError, SessionError
+            One of them is unknown or cannot run here; or there is no point.
+        """
+        self._session.check_points()
+        for kind in (kind for name in self.products() for kind in self.product(name).parts):
+            self._part(kind)
+
     def part(self, kind: Kind) -> Any:
         """The part of a kind (``cameras``, ``matchers``, ``trackers``) that the session asks for, made once."""
         self.check_declared(kind)

@@ -13,8 +13,10 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import (
     Field,
     PlainSerializer,
+    SerializerFunctionWrapHandler,
     Strict,
     ValidationError,
+    model_serializer,
     model_validator,
 )
 
@@ -34,6 +36,8 @@ _Count = Annotated[int, Strict(), Field(ge=3)]
 # takes over the default that another field of that type has.
 _PLAIN, _NO_DOT = r"[^/\\\x00-\x1f\x7f]", r"[^/\\.\x00-\x1f\x7f]"
 _ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*$")]
+_FrameNumber = Annotated[int, Strict(), Field(ge=0)]
+_Since = Annotated[float, Strict(), Field(ge=0, le=1e9)]
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]
 
 
@@ -92,7 +96,7 @@ class View(Readings):
 
 
 class Point(Entry):
-    """A point to measure, named and placed in the first frame of one view."""
+    """A point to measure, named and placed in a frame of one view: the first, or one in which it has come into view."""
 
     name: Name
     view: Name
@@ -100,7 +104,31 @@ class Point(Entry):
     static: bool = False
     """Whether it must not move (on the abutment or in the background); used for checks and camera motion."""
     pixel_in: dict[str, Pixel] = Field(default_factory=dict)
-    """Positions in other views, by view name, where the search must not decide [px]."""
+    """Positions in other views, by view name, at the same time, where the search must not decide [px]."""
+    frame: _FrameNumber | None = None
+    """Number of the view's frame in which the point is named, from the first one that is used."""
+    time_s: _Since | None = None
+    """Another way to state it: time of that frame on the view's own clock, from the same first frame [s]."""
+
+    @model_validator(mode="after")
+    def _one_frame(self) -> Self:
+        if self.frame is not None and self.time_s is not None:
+            raise ValueError(
+                f"expected frame or time_s, got both ({self.frame} and {self.time_s:g}); keep one: each says in which "
+                "frame the point is named"
+            )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_first(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # What says nothing leaves no trace, so that hashes of sessions stay as they were before these fields came.
+        fields: dict[str, Any] = dump(self)
+        return {key: value for key, value in fields.items() if value is not None or key not in ("frame", "time_s")}
+
+    @property
+    def comes_later(self) -> bool:
+        """Whether it is named in another frame than the first one."""
+        return bool(self.frame or self.time_s)
 
 
 class Sensor(Entry):
@@ -212,6 +240,14 @@ class Session(Entry):
         if view.start is not None and first is not None:
             stated_s = (view.start - first).total_seconds()
         return None if stated_s is None else stated_s + self.later_use_s(view)
+
+    def begins_s(self, view: View) -> float:
+        """How much later a view begins than the reference view, as stated; where nothing is, recordings begin together.
+
+        In seconds.
+        """
+        stated_s = self.stated_offset_s(view)
+        return self.later_use_s(view) if stated_s is None else stated_s
 
     def later_use_s(self, view: View) -> float:
         """How much later than in the reference view's recording the interval that is used begins [s]."""

@@ -1,6 +1,7 @@
 """What a session names on disk: recordings, their first frames, and every file that a stage may read."""
 
 from collections.abc import Iterator, Mapping
+from copy import copy
 from functools import cached_property
 from pathlib import Path
 
@@ -22,6 +23,7 @@ __all__ = [
     "input_files",
     "list_chapters",
     "open_views",
+    "picture_of",
     "pixel_aspect",
     "quiet_frames",
 ]
@@ -101,6 +103,8 @@ class FirstFrames(Mapping[str, LumaArray]):
     def __init__(self, videos: Mapping[str, Video]) -> None:
         self._videos = videos
         self._luma = {view: video.first_frame().luma.copy() for view, video in videos.items()}
+        self._numbers = dict.fromkeys(videos, 0)
+        self._pictures: dict[tuple[str, int], LumaArray] = {}
 
     def __getitem__(self, view: str) -> LumaArray:
         return self._luma[view]
@@ -110,6 +114,47 @@ class FirstFrames(Mapping[str, LumaArray]):
 
     def __len__(self) -> int:
         return len(self._luma)
+
+    def at(self, numbers: Mapping[str, int]) -> "FirstFrames":
+        """The same with other frames in place of the first ones.
+
+        Parameters
+        ----------
+        numbers
+            Their numbers by view; views that are not named keep their first frame.
+
+        Raises
+        ------
+        VideoError
+            There is no such frame, or it cannot be decoded.
+        """
+        if not any(numbers.values()):
+            return self
+        other = copy(self)
+        other._luma = {view: self.picture(view, numbers.get(view, 0)) for view in self._luma}
+        other._numbers = {view: numbers.get(view, 0) for view in self._luma}
+        for made in ("colors", "quiet"):
+            vars(other).pop(made, None)
+        return other
+
+    def picture(self, view: str, number: int) -> LumaArray:
+        """A frame of a view by its number, decoded once, shape (height, width).
+
+        Parameters
+        ----------
+        view, number
+            The view, and the number of the frame.
+
+        Raises
+        ------
+        VideoError
+            There is no such frame, or it cannot be decoded.
+        """
+        if number == 0:
+            return self._luma[view]
+        if (view, number) not in self._pictures:
+            self._pictures[view, number] = self._videos[view].single(number).frame(number).luma.copy()
+        return self._pictures[view, number]
 
     @property
     def pixel_aspects(self) -> dict[str, float]:
@@ -124,16 +169,19 @@ class FirstFrames(Mapping[str, LumaArray]):
     @cached_property
     def colors(self) -> dict[str, RgbArray]:
         """The same in colour, shape (height, width, 3), by view."""
-        return {view: np.ascontiguousarray(video.color_frame(0)) for view, video in self._videos.items()}
+        return {
+            view: np.ascontiguousarray(self._videos[view].single(n).color_frame(n)) for view, n in self._numbers.items()
+        }
 
     @cached_property
     def quiet(self) -> dict[str, LumaArray]:
         """Mean of the opening frames of every view, as long as nothing moves, shape (height, width), of 16 bits.
 
         For matching pictures with little texture: noise and the codec's errors change from frame to frame. Grey levels
-        are 64 times finer than those of 8-bit recordings.
+        are 64 times finer than those of 8-bit recordings. Other frames than the first ones stand for themselves.
         """
-        return {view: _average_opening(video) for view, video in self._videos.items()}
+        first = {view: number == 0 for view, number in self._numbers.items()}
+        return {view: _average_opening(self._videos[view]) if first[view] else self[view] for view in first}
 
 
 def quiet_frames(frames: Mapping[str, LumaArray]) -> Mapping[str, LumaArray]:
@@ -145,6 +193,24 @@ def quiet_frames(frames: Mapping[str, LumaArray]) -> Mapping[str, LumaArray]:
         First frame of every view by name, shape (H, W) each; a `FirstFrames` has the recordings.
     """
     return frames.quiet if isinstance(frames, FirstFrames) else frames
+
+
+def picture_of(frames: Mapping[str, LumaArray], view: str, number: int) -> LumaArray:
+    """A frame of a view, shape (H, W); other frames than the first where the recordings are there.
+
+    Parameters
+    ----------
+    frames
+        First frame of every view by name, shape (H, W) each; a `FirstFrames` has the recordings.
+    view, number
+        The view, and the number of the frame.
+
+    Raises
+    ------
+    VideoError
+        There is no such frame, or it cannot be decoded.
+    """
+    return frames.picture(view, number) if isinstance(frames, FirstFrames) and number else frames[view]
 
 
 def pixel_aspect(frames: Mapping[str, LumaArray], view: str) -> float:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import DatasetError, VideoError
 from vfm_sdm.inputs.video.container import INTERLACED, ContainerSource
@@ -117,7 +118,7 @@ class Video:
         # A pass begins with the first frame, which need not be decoded twice.
         waiting = jump is None and also == 0
         if not waiting:
-            yield self.frame(also)
+            yield self.single(also).frame(also)
         if jump is not None:
             frames = jump(count, budget // count)
         else:
@@ -155,6 +156,38 @@ class Video:
             return whole  # the pass over it says what is wrong
         firsts = choose_cuts(time_s, keys, length_s)
         return list(zip(firsts, time_s[firsts].tolist(), strict=True)) if len(firsts) > 1 else whole
+
+    def clock(self) -> FloatArray:
+        """Times of all frames from the first one, shape (T,) [s]; where packets do not tell them, by a pass.
+
+        Raises
+        ------
+        VideoError
+            The file is gone or cannot be read any more.
+        """
+        if self._can_jump:
+            return self._source.clock()  # type: ignore[attr-defined, no-any-return]
+        time_s: list[float] = []
+        with suppress(DecodeStop):  # the pass that measures reports what is damaged
+            for frame in self._source.stream():
+                time_s.append(frame.time_s)  # what comes before damage counts
+        return np.array(time_s)
+
+    def single(self, number: int) -> "Video":
+        """A view in which a frame by its number is soon reached: that frame alone, or all where it needs a pass.
+
+        Parameters
+        ----------
+        number
+            Number of the frame.
+        """
+        return self.part(number, 1) if self._can_jump else self
+
+    @property
+    def _can_jump(self) -> bool:
+        """Whether packets tell frames, and decoding can begin at them."""
+        # Of fields that come in packets of their own they do not.
+        return isinstance(self._source, SeekableSource) and INTERLACED not in self.info.doubts
 
     def keys(self, apart_s: float) -> list[int]:
         """Numbers of frames with which decoding can begin, at least so far apart [s]; of a view that can be divided.

@@ -1,7 +1,16 @@
 """Figures of tracks, displacement, first frames and the audit: functions (data, ax=None) -> axes, and their files."""
 
 from vfm_sdm.outputs.plots.audit import plot_audit
-from vfm_sdm.outputs.plots.figures import file_stem, save_figures
+from vfm_sdm.outputs.plots.figures import file_stem, first_places, save_figures, save_later_points
 from vfm_sdm.outputs.plots.panels import plot_displacement, plot_points, plot_trajectory
 
-__all__ = ["file_stem", "plot_audit", "plot_displacement", "plot_points", "plot_trajectory", "save_figures"]
+__all__ = [
+    "file_stem",
+    "first_places",
+    "plot_audit",
+    "plot_displacement",
+    "plot_points",
+    "plot_trajectory",
+    "save_figures",
+    "save_later_points",
+]

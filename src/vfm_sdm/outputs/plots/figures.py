@@ -12,6 +12,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.files import write_file
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.outputs.plots.audit import plot_audit
@@ -19,7 +20,7 @@ from vfm_sdm.outputs.plots.drawing import list_names, plain_text
 from vfm_sdm.outputs.plots.panels import plot_displacement, plot_points, plot_trajectory
 from vfm_sdm.stages.audit import Audit
 
-__all__ = ["file_stem", "save_figures"]
+__all__ = ["file_stem", "first_places", "save_figures", "save_later_points"]
 
 _DPI = 150
 _MOST_PANELS = 12
@@ -52,7 +53,8 @@ def save_figures(
     frames
         First frame by view, shape (H, W) or (H, W, 3).
     points_by_view
-        Positions in that frame by view, shape (P, 2) [px], in the order of the view's tracks.
+        Positions in that frame by view, shape (P, 2) [px], in the order of the view's tracks; or with their names,
+        ``position`` of a points dataset, without those that are named in other frames.
     audit
         Checks and verdict; None when there are none.
 
@@ -73,10 +75,59 @@ def save_figures(
         for point in list_names(displacement, "point"):
             drawings.append((f"displacement_{file_stem(point)}", partial(_draw_displacement, displacement, point)))
     for view, points in points_by_view.items():
-        names = list_names(tracks_by_view[view], "point")
+        # Positions that say whose they are need not be of all points.
+        names = list_names(points.to_dataset() if isinstance(points, xr.DataArray) else tracks_by_view[view], "point")
         drawings.append((f"points_{file_stem(view)}", partial(_draw_points, view, frames[view], points, names)))
     if audit is not None:
         drawings.append(("audit", partial(_draw_audit, audit)))
+    return _write_figures(Path(folder) / "figures", drawings)
+
+
+def first_places(points: xr.Dataset) -> dict[str, xr.DataArray]:
+    """Positions by view of the points that are named in its first frame, as `save_figures` takes them.
+
+    Parameters
+    ----------
+    points
+        Points dataset, positions of shape (V, P, 2) [px].
+    """
+    of_views = {view: points.sel(view=view) for view in list_names(points, "view")}
+    return {
+        view: one["position"].transpose("point", "pixel").isel(point=frames_of_points(one) == 0)
+        for view, one in of_views.items()
+    }
+
+
+def save_later_points(
+    folder: Path | str, points: xr.Dataset, picture: Callable[[str, int], npt.NDArray[Any]]
+) -> list[Path]:
+    """Writes pictures of the points that come into view later, each with its own frame, and returns their paths.
+
+    ``points_<view>_frame_<number>.png`` in ``figures/``; none where all points are named in the first frames.
+
+    Parameters
+    ----------
+    folder
+        The run folder.
+    points
+        Points dataset, positions of shape (V, P, 2) [px].
+    picture
+        Function of a view and a number that returns that frame, shape (H, W).
+
+    Raises
+    ------
+    ResultsError
+        A figure cannot be written.
+    """
+    drawings: list[tuple[str, Callable[[], Figure]]] = []
+    for view in list_names(points, "view") if "frame" in points else []:
+        of_view = points.sel(view=view)
+        numbers = of_view["frame"].values
+        for number in sorted({*numbers.tolist()} - {0}):
+            some = of_view.isel(point=numbers == number)
+            names, places = list_names(some, "point"), some["position"].transpose("point", "pixel").values
+            draw = partial(_draw_points, view, picture(view, number), places, names, f"frame {number}")
+            drawings.append((f"points_{file_stem(view)}_frame_{number}", draw))
     return _write_figures(Path(folder) / "figures", drawings)
 
 
@@ -114,11 +165,13 @@ def _write_figures(folder: Path, drawings: Sequence[tuple[str, Callable[[], Figu
     return paths
 
 
-def _draw_points(view: str, frame: npt.NDArray[Any], points: npt.ArrayLike, names: list[str]) -> Figure:
+def _draw_points(
+    view: str, frame: npt.NDArray[Any], points: npt.ArrayLike, names: list[str], which: str = "first frame"
+) -> Figure:
     height, width = frame.shape[:2]
     figure = _make_figure(rows_in=min(_WIDTH_IN * height / width, 12.0))
     axes = plot_points(frame, points, names, figure.add_subplot())
-    axes.set_title(plain_text(f"points in view {view}, first frame"), loc="left")
+    axes.set_title(plain_text(f"points in view {view}, {which}"), loc="left")
     return figure
 
 

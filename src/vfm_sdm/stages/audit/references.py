@@ -3,6 +3,7 @@
 import numpy as np
 
 from vfm_sdm.core.covariances import edges_across, judged_std
+from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs
 
@@ -18,7 +19,8 @@ def check_references(inputs: AuditInputs) -> AuditCheck | None:
     renewed = 0
     for view, tracks in inputs.tracks.items():
         if "reference_covariance" in tracks:
-            renewed += tracks.sizes["reference_frame"] - 1
+            named = {0, *frames_of_points(inputs.cameras.points.sel(view=view)).tolist()}
+            renewed += len(set(tracks["reference_frame"].values.tolist()) - named)
             std = np.nan_to_num(judged_std(tracks["reference_covariance"].values, edges_across(tracks))).max(axis=0)
             added |= {f"{name} in {view}": float(one) for name, one in zip(tracks["point"].values, std, strict=True)}
     if not renewed:

@@ -9,8 +9,9 @@ from scipy.ndimage import shift as shift_image
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
 from vfm_sdm.core.covariances import edges_across
-from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.datasets import Status, frames_of_points
 from vfm_sdm.core.statuses import Outcome, RecordingStatus, RefinementStatus
+from vfm_sdm.inputs.session import picture_of
 from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
 from vfm_sdm.stages.displacement.uncertainty import COMPONENTS
 from vfm_sdm.stages.registration.subsets import SubsetBank, SubsetDesign, Warp
@@ -66,6 +67,8 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
 
     Notes
     -----
+    Into those in which they are named, of points that come into view later.
+
     The shifted picture gets noise of its own, as much as the frame seems to have, because noise draws the gain of a
     weak texture towards zero. Patterns finer than the pixels pass, because they cannot be shifted as a camera would see
     them.
@@ -80,9 +83,11 @@ def check_gain(inputs: AuditInputs) -> AuditCheck:
         )
         return AuditCheck(_GAIN, Outcome.CAUTION, float("nan"), _GAIN_CAUTION, "1", sentence, alone[0])
     found = {}
-    for view, image in inputs.frames.items():
-        for point in inputs.moving:
-            u, v = inputs.cameras.points["position"].sel(view=view, point=point).values
+    for view in inputs.frames:
+        points = inputs.cameras.points.sel(view=view)
+        for point, number in zip(inputs.moving, frames_of_points(points, inputs.moving).tolist(), strict=True):
+            u, v = points["position"].sel(point=point).values
+            image = picture_of(inputs.frames, view, number)
             design = _find_design(inputs.tracks[view], point, inputs.session.method.usual_subset_px)
             gain = _measure_gain(image, (float(u), float(v)), design)
             if np.isfinite(gain):

@@ -21,6 +21,7 @@ from vfm_sdm.stages.cameras.contributions import Contribution
 from vfm_sdm.stages.cameras.culprits import Suspect
 from vfm_sdm.stages.cameras.file import read_rig, write_rig
 from vfm_sdm.stages.cameras.site import SiteAdjustment, SiteQuantity
+from vfm_sdm.stages.matching.points import state_frames
 
 __all__ = ["CameraSolution", "read_solution", "write_solution"]
 
@@ -38,7 +39,7 @@ class CameraSolution:
     covariance
         Joint covariance of rig parameters and axes, shape (10 V + 3, 10 V + 3); ``None`` when unknown.
     points
-        Points dataset: pixels in the first frame of every view, shape (V, P, 2) [px], and why one is missing.
+        Points dataset: pixels in every view, shape (V, P, 2) [px], and why one is missing.
     quantities, status, notes, epipolar_rms_px, suspects, contributions
         As in `vfm_sdm.stages.cameras.site.SiteAdjustment`.
     """
@@ -63,7 +64,7 @@ class CameraSolution:
         adjusted
             Cameras adjusted to the site.
         points
-            Points dataset: pixels in the first frame of every view, shape (V, P, 2) [px].
+            Points dataset: pixels in every view, shape (V, P, 2) [px].
         """
         return cls(
             adjusted.rig,
@@ -104,6 +105,7 @@ def write_solution(path: Path | str, solution: CameraSolution, key: str) -> Path
         "points": _by_view(solution.points["position"]),
         "point_std": _by_view(solution.points["position_std"]),
         "point_status": _by_view(solution.points["status"]),
+        **({"point_frame": _by_view(solution.points["frame"])} if "frame" in solution.points else {}),
         "quantity": [asdict(q) for q in solution.quantities],
         "suspect": [asdict(one) for one in solution.suspects],
         "contribution": {one.source: one.factor.tolist() for one in solution.contributions},
@@ -187,4 +189,5 @@ def _points(tables: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> xr.Dataset
         [[tables[table][view][point] for point in points] for view in views]
         for table in ("points", "point_std", "point_status")
     )
-    return make_points(views, points, position=position, position_std=std, status=status)
+    found = make_points(views, points, position=position, position_std=std, status=status)
+    return state_frames(found, tables.get("point_frame", {}))

@@ -3,6 +3,9 @@
 The estimated poses help to find the points in the other views, and the points on the structure take part in the
 adjustment of the cameras to the site. The adjusted cameras may find points that the first poses missed; then the
 adjustment is repeated once.
+
+A point that comes into view later is found in pictures of that time, and takes part as well, because cameras stand
+still; but as no more than a click, because they do so to some pixels only.
 """
 
 from collections.abc import Mapping
@@ -23,8 +26,8 @@ from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.matching.base import PointMatcher
-from vfm_sdm.stages.matching.locate import PointFinder
-from vfm_sdm.stages.matching.points import check_inside, named_points
+from vfm_sdm.stages.matching.framed_points import FramedFinder
+from vfm_sdm.stages.matching.points import NAMED_STD_PX, check_inside, named_points
 from vfm_sdm.stages.matching.straight_edges import StraightEdges, find_straight_edges
 
 __all__ = ["solve_cameras"]
@@ -33,7 +36,12 @@ _NO_COVARIANCE = "the camera file states no covariance: the scale has no stated 
 
 
 def solve_cameras(
-    session: Session, frames: FirstFrames, estimator: CameraEstimator, *, matcher: PointMatcher | None = None
+    session: Session,
+    frames: FirstFrames,
+    estimator: CameraEstimator,
+    *,
+    matcher: PointMatcher | None = None,
+    reference_frames: Mapping[str, Mapping[str, int]] | None = None,
 ) -> CameraSolution:
     """Cameras, structural axes and the points' pixels in every view, from the first frames and the site's lengths.
 
@@ -47,6 +55,9 @@ def solve_cameras(
         Estimator of the cameras before the adjustment.
     matcher
         Matcher that gives approximate pixels of points in the other views; ``None`` where the session asks for none.
+    reference_frames
+        Numbers of the frames in which points are named that come into view later, by view and point, see
+        `vfm_sdm.inputs.session.find_reference_frames`.
 
     Returns
     -------
@@ -62,20 +73,18 @@ def solve_cameras(
         The settings of the camera estimator do not suffice.
     """
     check_inside(session, frames)
-    views = list(frames)
-    if len(views) == 1:
-        return CameraSolution(None, None, None, named_points(session, views), status=CameraStatus.ONE_VIEW)
+    given = named_points(session, list(frames), reference_frames)
+    if len(frames) == 1:
+        return CameraSolution(None, None, None, given, status=CameraStatus.ONE_VIEW)
     estimate = estimator.estimate(session, frames)
     if estimate.rig is None:
-        points = named_points(session, views)
-        return CameraSolution(None, None, None, points, status=estimate.status, notes=estimate.notes)
+        return CameraSolution(None, None, None, given, status=estimate.status, notes=estimate.notes)
     # A rig of unknown accuracy takes no part in the adjustment, and its scale has no stated uncertainty.
     known = estimate.rig.covariance is not None
     hypotheses = [Hypothesis(_with_prior(estimate.rig), estimate.matches, estimate.halves), *estimate.others]
-    given = named_points(session, views)
     edges = _find_edges(session, frames)
     weighed = weigh_hypotheses(session, hypotheses, lambda one: _adjust(session, one, given, edges).adjusted)
-    finder = PointFinder(session, frames, matcher)
+    finder = FramedFinder.of(session, frames, matcher, reference_frames or {})
     matches = weighed.hypothesis.matches
     start = Hypothesis(_with_poses_of(weighed.hypothesis.rig, weighed.adjusted.rig), matches)
     points = finder.find(weighed.adjusted.rig, matches)
@@ -138,6 +147,10 @@ class _Solved:
 def _adjust(session: Session, one: Hypothesis, points: xr.Dataset, edges: tuple[StraightEdges, ...]) -> _Solved:
     """The cameras adjusted to everything measured on site to points seen in two views."""
     position, std = (points[name].transpose("point", "view", "pixel").values for name in ("position", "position_std"))
+    if "frame" in points:
+        std = np.where(
+            points["frame"].transpose("point", "view").values[..., None] > 0, np.hypot(std, NAMED_STD_PX), std
+        )
     moving = {p.name for p in session.point if not p.static}
     seen = {
         str(name): SitePoint(pixels, std_px, str(name) in moving)

@@ -1,14 +1,15 @@
 """Change of rest position of every point since an earlier visit, with its uncertainty."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import CAMERA_AXES, STRUCTURE_AXES
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.core.datasets import CAMERA_AXES, STRUCTURE_AXES, frames_of_points
 from vfm_sdm.core.statuses import PointStatus, RevisitStatus
 from vfm_sdm.geometry.rig_views import select_views
+from vfm_sdm.inputs.session import picture_of
 from vfm_sdm.stages.revisit.adjustment import Adjusted, Sightings, adjust_visits
 from vfm_sdm.stages.revisit.places import find_again
 from vfm_sdm.stages.revisit.result import Change, Revisit
@@ -120,13 +121,17 @@ def _see(
     rigs = [select_views(rig, views) for visit in visits if (rig := visit.cameras.rig) is not None]
     for number, view in enumerate(views):
         places, named = (_places(visit, view, names) for visit in visits)
-        found, own, status = find_again(
-            (earlier.frames[view], later.frames[view]),
-            (rigs[0].cameras[number], rigs[1].cameras[number]),
-            places,
-            named,
-            subset_px=later.session.method.usual_subset_px,
-        )
+        found, own, status = np.full((count, 2), np.nan), np.full((count, 2, 2), np.nan), [""] * count
+        for pictures, rows in _pictures(earlier, later, view, names):
+            found[rows], own[rows], of_rows = find_again(
+                pictures,
+                (rigs[0].cameras[number], rigs[1].cameras[number]),
+                places[rows],
+                named[rows],
+                subset_px=later.session.method.usual_subset_px,
+            )
+            for row, one in zip(rows.tolist(), of_rows, strict=True):
+                status[row] = one
         alike |= np.array([one == PointStatus.AMBIGUOUS for one in status], dtype=np.bool_)
         shifts = [rest_shifts(visit, view, names) for visit in visits]
         here = np.stack([places + shifts[0][0], found + shifts[1][0]])
@@ -143,10 +148,20 @@ def _see(
 
 
 def _places(visit: Visit, view: str, names: list[str]) -> FloatArray:
-    """Places of points in a view's first frame, shape (P, 2) [px]; NaN where there is none."""
+    """Places of points in a view, shape (P, 2) [px]; NaN where there is none."""
     points = visit.cameras.points.sel(view=view, point=names)
     good = points["status"].values == PointStatus.OK
     return np.where(good[:, None], points["position"].transpose("point", "pixel").values, np.nan)
+
+
+def _pictures(
+    earlier: Visit, later: Visit, view: str, names: list[str]
+) -> Iterator[tuple[tuple[LumaArray, LumaArray], IntArray]]:
+    """Pictures of a view at both visits in which points were named, shape (H, W) each, and the rows of these points."""
+    both = np.stack([frames_of_points(one.cameras.points.sel(view=view), names) for one in (earlier, later)], axis=1)
+    for pair in np.unique(both, axis=0):
+        before, after = (picture_of(one.frames, view, int(n)) for one, n in zip((earlier, later), pair, strict=True))
+        yield (before, after), np.flatnonzero((both == pair).all(axis=1))
 
 
 def _suspects(seen: Sightings, names: Sequence[str]) -> tuple[str, ...]:

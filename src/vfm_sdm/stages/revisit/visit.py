@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
-from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.datasets import Status, frames_of_points
 from vfm_sdm.core.netcdf import read_displacement, read_tracks
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import ResultsError, SessionError, VideoError
@@ -76,7 +76,7 @@ def read_visit(folder: Path) -> Visit:
 
 
 def rest_shifts(visit: Visit, view: str, points: list[str]) -> tuple[FloatArray, FloatArray]:
-    """How far from its place in the first frame each point rests in a view.
+    """How far from its place in the frame in which it is named each point rests in a view.
 
     Parameters
     ----------
@@ -95,10 +95,11 @@ def rest_shifts(visit: Visit, view: str, points: list[str]) -> tuple[FloatArray,
     Notes
     -----
     Rest is the mean over the still interval, where the session states one, else over the whole recording. The
-    covariance is that of one sample, because the first frame is one, and of the mean, from the means of eight parts:
-    what is slower than white noise scatters there, too.
+    covariance is that of one sample, because the frame in which a point is named is one, and of the mean, from the
+    means of eight parts: what is slower than white noise scatters there, too.
     """
     tracks = visit.tracks[view].sel(point=points)
+    named = frames_of_points(visit.cameras.points.sel(view=view), points).tolist()
     time_s, still = tracks["time"].values, visit.session.method.still_interval_s
     resting = np.ones(len(time_s), dtype=np.bool_)
     if still is not None:
@@ -107,10 +108,11 @@ def rest_shifts(visit: Visit, view: str, points: list[str]) -> tuple[FloatArray,
     for number in range(len(points)):
         of_point = tracks.isel(point=number)
         ok = resting & np.asarray(of_point["status"].values == Status.OK)
-        if of_point["status"].values[0] != Status.OK or ok.sum() < _LEAST_SHARE * resting.sum():
+        home = min(named[number], len(time_s) - 1)
+        if of_point["status"].values[home] != Status.OK or ok.sum() < _LEAST_SHARE * resting.sum():
             continue
         position = of_point["position"].values
-        shift[number] = position[ok].mean(axis=0) - position[0]
+        shift[number] = position[ok].mean(axis=0) - position[home]
         covariance[number] = _of_one_sample(of_point["position_covariance"].values[ok]) + _of_mean(position[ok])
     return shift, covariance
 

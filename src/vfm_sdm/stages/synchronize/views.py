@@ -16,7 +16,9 @@ __all__ = ["synchronize_tracks"]
 
 _SEARCH_S = 3.0
 """Largest difference between the stated and the true offset of a view [s]."""
-_OF_HALVES = ("half_difference", "half_covariance")
+_OF_ONE_VIEW = ("half_difference", "half_covariance", "reference", "reference_covariance", "reference_frame")
+"""What is left behind: halves of subsets, which are a third of long tracks and which nobody compares on a common clock;
+and reference frames, whose numbers are each view's own."""
 
 
 def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: Rig | None = None) -> xr.Dataset:
@@ -48,9 +50,8 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: 
     DatasetError
         The recordings do not overlap.
     """
-    stated = {view.name: _find_stated_s(session, view) for view in session.view}
-    # On a common clock nobody compares halves of subsets, which are a third of long tracks.
-    tracks = {name: of_view.drop_vars(_OF_HALVES, errors="ignore") for name, of_view in tracks.items()}
+    stated = {view.name: session.begins_s(view) for view in session.view}
+    tracks = {name: of_view.drop_vars(_OF_ONE_VIEW, errors="ignore") for name, of_view in tracks.items()}
     found: dict[str, Synchronization] = {}
     moving = [p.name for p in session.point if not p.static]
     if session.method.synchronization == "motion" and moving:
@@ -79,12 +80,6 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: 
         clock_use=(("view", "point"), _list_uses(session, found, moving)),
         bits_per_pixel=("view", [_bits_per_pixel(tracks[name]) for name in stated], {"units": "1"}),
     )
-
-
-def _find_stated_s(session: Session, view: View) -> float:
-    """Offset of a view as stated; where nothing is, recordings begin together [s]."""
-    stated_s = session.stated_offset_s(view)
-    return session.later_use_s(view) if stated_s is None else stated_s
 
 
 def _offset_std(session: Session, view: View, found: Synchronization | None) -> float:

@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self, runtime_checkable
 
+import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.registry import find, make
+from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import Method
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.designs import SubsetDesign
@@ -22,6 +24,7 @@ __all__ = [
     "Targets",
     "Tracker",
     "WithoutStarts",
+    "check_later_points",
     "find_tracker",
     "track_whole",
     "tracker_of",
@@ -43,12 +46,29 @@ class Targets:
         is not to be tracked.
     segments
         Number of segments of the recording, among which measurements in some frames are shared.
+    named
+        Frames in which they are named, where these are not all the first one, with the points of each; none of these
+        says where its points are as a segment begins.
     """
 
     points: FloatArray
     names: tuple[str, ...]
     designs: Sequence[SubsetDesign | None] | None = None
     segments: int = 1
+    named: tuple[Standing, ...] = ()
+
+    @property
+    def homes(self) -> tuple[Standing, ...]:
+        """The frames in which they are named, with the points of each."""
+        return self.named or (Standing.of_first(self.points),)
+
+    @property
+    def named_frames(self) -> IntArray:
+        """Number of the frame in which each is named, shape (P,)."""
+        numbers = np.zeros(len(self.points), np.int64)
+        for one in self.named:
+            numbers[one.rows] = one.number
+        return numbers
 
     def of(self, rows: IntArray, points: FloatArray) -> "Targets":
         """Some of them, where they are in another reference frame.
@@ -62,7 +82,7 @@ class Targets:
         """
         names = tuple(self.names[row] for row in rows.tolist())
         designs = None if self.designs is None else [self.designs[row] for row in rows.tolist()]
-        return replace(self, points=points, names=names, designs=designs)
+        return replace(self, points=points, names=names, designs=designs, named=())
 
 
 class Tracker(Protocol):
@@ -130,6 +150,9 @@ class DesignedTracker(Protocol):
 class SegmentTracker(Protocol):
     """A tracker that follows points through a segment of a recording without the segments before it.
 
+    One with an attribute ``takes_later_points``, which is true, also follows points that are named in other frames than
+    the first (`Targets.named`).
+
     Its `Tracker.track` is `judge` of the record that `follow` makes of the whole recording.
     """
 
@@ -174,6 +197,8 @@ class SegmentTracker(Protocol):
         self, looks: Sequence[Look], reference: LumaArray, targets: Targets
     ) -> Sequence[Sequence[Standing] | None]:
         """What the targets are compared with and where they are as each segment but the first begins.
+
+        ``None`` stands for the frames in which they are named, and as they are there.
 
         Parameters
         ----------
@@ -223,6 +248,34 @@ class WithoutStarts:
     def on_one_thread(self) -> Self:
         """The tracker itself."""
         return self
+
+
+def check_later_points(tracker: Tracker, names: Sequence[str]) -> None:
+    """Refuses points that come into view later where the tracker begins with the first frame.
+
+    Parameters
+    ----------
+    tracker
+        Who is to follow them.
+    names
+        Names of the points that are named in another frame than the first.
+
+    Raises
+    ------
+    SessionError
+        There are some, and the tracker does not take them.
+
+    Examples
+    --------
+    >>> from vfm_sdm.stages.tracking.icgn import IcgnTracker
+    >>> check_later_points(IcgnTracker(), ["behind the lorry"])
+    """
+    if names and not getattr(tracker, "takes_later_points", False):
+        raise SessionError(
+            f"point {', '.join(map(repr, names))}: expected points of the first frame, with which tracker "
+            f'{tracker.name!r} begins, got frame or time_s; choose tracker "icgn" or "template", or begin the '
+            "measurement where all points are in view (use_s)"
+        )
 
 
 def track_whole(

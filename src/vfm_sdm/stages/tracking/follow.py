@@ -140,6 +140,12 @@ class Follower:
         self._unsure, self._looks = start.unsure.copy(), start.looks
         self._whereabouts = Whereabouts(bank.centers.astype(float), settings.search_radius_px, start.looks)
 
+    def return_home(self) -> None:
+        """Puts the points where they are in the reference frame, because that is the frame to come."""
+        home = _at_home(self._bank)
+        self._last, self._seen = home.warps.copy(), home.seen.copy()
+        self._step[:], self._unsure[:], self._outside = 0.0, False, home.outside.copy()
+
     def look(self, luma: LumaArray) -> FollowState:
         """Where the points are in a single frame, long after the last one.
 

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,9 @@ from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign, check_subset_px
 from vfm_sdm.stages.tracking.base import Targets, track_whole
-from vfm_sdm.stages.tracking.follow import Follower, FollowSettings
+from vfm_sdm.stages.tracking.follow import Follower, FollowSettings, FollowState
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
-from vfm_sdm.stages.tracking.looks import Look
+from vfm_sdm.stages.tracking.looks import Look, take_look
 from vfm_sdm.stages.tracking.references import References
 from vfm_sdm.stages.tracking.split_subset import SplitSubsets, judge_halves
 from vfm_sdm.stages.tracking.standings import Standing, join_points
@@ -104,6 +105,7 @@ class IcgnTracker:
 
     name = "icgn"
     in_one_piece = False
+    takes_later_points = True
     compares_designed_subsets = True
 
     def __init__(
@@ -211,7 +213,7 @@ class IcgnTracker:
         video, reference, targets, start, progress
             As there.
         """
-        standings = start or [Standing.of_first(targets.points)]
+        standings = start or targets.homes
         following: list[_Following] = []
         with ThreadPoolExecutor(self.threads) as executor:
 
@@ -237,8 +239,38 @@ class IcgnTracker:
             As there.
         """
         with ThreadPoolExecutor(self.threads) as executor:
-            references = References(self.prepare, self.settings, reference, targets, executor)
-            return [references.look(look) for look in looks]
+            found = [self._look_from(home, looks, reference, targets, executor) for home in targets.homes]
+        return [[one for of_home in starts for one in of_home] for starts in zip(*found, strict=True)]
+
+    def _look_from(
+        self, home: Standing, looks: Sequence[Look], first: LumaArray, targets: Targets, executor: Executor
+    ) -> list[list[Standing]]:
+        """What the points of one frame are compared with at all looks: back from it, and forwards."""
+        luma, own = home.luma(first), targets.of(home.rows, home.points)
+        before = [look for look in looks if look.number <= home.number]
+        found = [[replace(home, state=state)] for state in self._look_back(before, luma, own, executor)]
+        references = References(self.prepare, self.settings, luma, own, executor, home)
+        for look in looks[len(before) :]:
+            found.append([replace(one, rows=home.rows[one.rows]) for one in references.look(look)])
+        return found
+
+    def _look_back(
+        self, looks: Sequence[Look], luma: LumaArray, targets: Targets, executor: Executor
+    ) -> list[FollowState | None]:
+        """Where points are at looks before the frame in which they are named, of which the reference is not renewed."""
+        if not looks:
+            return []
+        bank, radius_px = self.prepare(luma, targets, executor), self.settings.search_radius_px
+
+        def make(state: FollowState | None, radius_px: int) -> Follower:
+            settings = replace(self.settings, search_radius_px=radius_px)
+            return Follower(bank, luma, settings, executor, state)
+
+        states: list[FollowState | None] = []
+        for look in reversed(looks):
+            seen, later = look.luma(), states[-1] if states else None
+            states.append(later if seen is None else take_look(look.backwards(), seen, later, make, radius_px))
+        return states[::-1]
 
     def on_one_thread(self) -> "IcgnTracker":
         """The same tracker for one of several processes that share the processors."""
@@ -261,7 +293,7 @@ class IcgnTracker:
         lost = np.asarray(found & ~np.isfinite(covariance).all(axis=(2, 3)))
         renewed = np.zeros(position.shape[1], np.bool_)
         if "reference" in record:  # not of live pictures, which have one
-            renewed = np.any(record["reference"].values, axis=0)
+            renewed = np.any(record["reference"].values != targets.named_frames, axis=0)
         lost |= _find_covered(correlation, status, np.where(renewed[..., None], record["time"].values, np.nan))
         status[lost] = Status.LOST
         position[lost], covariance[lost], correlation[lost] = np.nan, np.nan, np.nan
@@ -279,7 +311,7 @@ class IcgnTracker:
         }
         tracks = make_tracks(record["time"].values, targets.names, position, covariance, status, attrs=attrs)
         tracks = tracks.assign(correlation=(("time", "point"), correlation, {"units": "1"}))
-        if renewed.any():
+        if renewed.any() or targets.named:
             tracks = tracks.assign(reference=record["reference"])
         if "half_difference" not in record:
             return tracks
@@ -347,9 +379,9 @@ class _Following:
         standing: Standing,
         executor: Executor,
     ) -> None:
-        if standing.frame is not None:
-            reference = standing.frame.frame(standing.number).luma
+        reference, self._before = standing.luma(reference), standing.before
         targets, self._rows = targets.of(standing.rows, standing.points), standing.rows
+        self._advanced = 0
         self._bank = tracker.prepare(reference, targets, executor)
         self._follower = Follower(self._bank, reference, tracker.settings, executor, standing.state)
         self._beside: list[SplitSubsets | SubsetParts] = []
@@ -369,6 +401,9 @@ class _Following:
         luma
             The frame, shape (H, W).
         """
+        if self._advanced == self._before:
+            self._follower.return_home()
+        self._advanced += 1
         expected = next(self._expected, None)
         found = self._follower.advance(luma, None if expected is None else expected[self._rows])
         self._open.append(found)

@@ -1,7 +1,7 @@
 """Where points are as segments of a recording begin, found by looks at single frames."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -55,6 +55,10 @@ class Look:
     def frame(self) -> Video:
         """The frame as a recording of its own."""
         return self.video.part(self.number, 1)
+
+    def backwards(self) -> "Look":
+        """The look from a later time: what lies between are the frames of the segment, the last one first."""
+        return replace(self, between=tuple(number for number in reversed(self.within) if number != self.number))
 
     def runs(self) -> Iterator[Iterator[LumaArray]]:
         """Runs of successive frames spread over the segment, each frame of shape (H, W), without the first one."""

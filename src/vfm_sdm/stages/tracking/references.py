@@ -107,11 +107,13 @@ class References:
     settings
         Limits.
     luma
-        The recording's first frame, shape (H, W).
+        The frame in which the targets are named, shape (H, W).
     targets
         What is followed.
     executor
         Threads that share the work.
+    named
+        Which frame that is; the recording's first one when left out.
 
     Notes
     -----
@@ -141,10 +143,12 @@ class References:
         luma: LumaArray,
         targets: Targets,
         executor: Executor,
+        named: Standing | None = None,
     ) -> None:
         count = len(targets.points)
+        home = named or Standing.of_first(targets.points)
         self._prepare, self._settings, self._targets, self._executor = prepare, settings, targets, executor
-        self._known = [_Reference(0, None, luma, targets.points, np.zeros((count, 2, 2)))]
+        self._known = [_Reference(home.number, home.frame, luma, targets.points, np.zeros((count, 2, 2)))]
         self._of = np.zeros(count, np.int64)
         self._state: FollowState | None = None
         self._best = np.full(count, -np.inf)

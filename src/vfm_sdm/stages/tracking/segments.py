@@ -123,16 +123,26 @@ def plan_segments(video: Video, tracker: SegmentTracker, targets: Targets, lengt
     begins = [(0, 0.0)] if tracker.in_one_piece else video.divide(length_s)
     firsts = [first for first, _ in begins]
     if len(begins) == 1:
-        return [SegmentTask(0, 0.0, video, None, tracker, targets)]
+        return [SegmentTask(0, 0.0, video, None, tracker, targets, _as_it_begins(targets, None, 0, None))]
     targets = replace(targets, segments=len(begins))
     home = video.part(0, 1)
     reference = home.first_frame().luma
     starts = [None, *tracker.find_starts(plan_looks(video, firsts), reference, targets)]
     counts = [*np.diff(firsts).tolist(), None]
     return [
-        SegmentTask(first, begin_s, video.part(first, count), home if first else None, tracker, targets, start)
+        SegmentTask(
+            *(first, begin_s, video.part(first, count), home if first else None, tracker, targets),
+            _as_it_begins(targets, start, first, count),
+        )
         for (first, begin_s), count, start in zip(begins, counts, starts, strict=True)
     ]
+
+
+def _as_it_begins(
+    targets: Targets, start: Sequence[Standing] | None, first: int, count: int | None
+) -> Sequence[Standing] | None:
+    """What targets are compared with in a segment of so many frames from the first one on; of ``find_starts``."""
+    return [one.within(first, count) for one in start or targets.named] if targets.named else start
 
 
 @dataclass(frozen=True, eq=False)

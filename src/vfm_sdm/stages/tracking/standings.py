@@ -1,12 +1,15 @@
-"""What the points of a segment are compared with: one reference frame, or several after some were renewed."""
+"""What the points of a segment are compared with: one reference frame, or several.
+
+Several, where points are named in frames of their own, or references were renewed as light changed.
+"""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray, IntArray
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.tracking.follow import FollowState
 
@@ -31,6 +34,8 @@ class Standing:
         What renewals add to the covariance of every position that is compared with it, shape (N, 2, 2) [px2].
     state
         Where they are as the segment begins; ``None`` is where they are in the reference frame.
+    before
+        Number of frames of the segment before the reference frame, where that is one of them and no start of it.
     """
 
     number: int
@@ -39,6 +44,7 @@ class Standing:
     points: FloatArray
     covariance: FloatArray
     state: FollowState | None
+    before: int | None = None
 
     @classmethod
     def of_first(cls, points: FloatArray) -> "Standing":
@@ -51,6 +57,55 @@ class Standing:
         """
         count = len(points)
         return cls(0, None, np.arange(count), points, np.zeros((count, 2, 2)), None)
+
+    @classmethod
+    def of_named(cls, video: Video, points: FloatArray, numbers: IntArray) -> "tuple[Standing, ...]":
+        """Points by the frames in which they are named; none where that is the first one for all.
+
+        Parameters
+        ----------
+        video
+            The view.
+        points
+            Where they are in these, shape (P, 2) [px].
+        numbers
+            Numbers of the frames, shape (P,).
+        """
+        if not numbers.any():
+            return ()
+        found = []
+        for number in np.unique(numbers).tolist():
+            rows = np.flatnonzero(numbers == number)
+            frame = video.single(number).on_one_thread() if number else None
+            found.append(cls(number, frame, rows, points[rows], np.zeros((len(rows), 2, 2)), None))
+        return tuple(found)
+
+    def luma(self, first: LumaArray) -> LumaArray:
+        """The reference frame, shape (H, W).
+
+        Parameters
+        ----------
+        first
+            The first frame of the view, shape (H, W).
+
+        Raises
+        ------
+        VideoError
+            The frame cannot be decoded.
+        """
+        return first if self.frame is None else self.frame.frame(self.number).luma
+
+    def within(self, first: int, count: int | None) -> "Standing":
+        """The same for a segment, which may hold the reference frame.
+
+        Parameters
+        ----------
+        first, count
+            Number of the segment's first frame, and of its frames; all that follow for ``None``.
+        """
+        before = self.number - first
+        inside = before >= 0 and self.frame is not None and (count is None or before < count)
+        return replace(self, before=before if inside else None)
 
 
 def join_points(records: Sequence[xr.Dataset], standings: Sequence[Standing]) -> xr.Dataset:
@@ -94,7 +149,7 @@ def join_points(records: Sequence[xr.Dataset], standings: Sequence[Standing]) ->
 def include_references(
     tracks: xr.Dataset, names: Sequence[str], starts: Iterable[Sequence[Standing] | None]
 ) -> xr.Dataset:
-    """Tracks whose covariances hold what renewed reference frames add.
+    """Tracks whose covariances hold what renewed reference frames add; nothing is added by the frames of named points.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
 """What each point's subset compares, chosen before the run, and how well it should then measure."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,10 +13,10 @@ from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.designs import USUAL_SUBSET_PX, SubsetDesign, check_subset_px
 from vfm_sdm.stages.tracking.design.choice import MARGIN_PX, SIZES_PX, SubsetChoice, choose_subset
-from vfm_sdm.stages.tracking.design.samples import find_covered, sample_windows
+from vfm_sdm.stages.tracking.design.samples import find_covered, find_hidden, sample_windows
 from vfm_sdm.stages.tracking.inputs import check_points
 
-__all__ = ["SubsetChoice", "describe_subsets", "design_subsets"]
+__all__ = ["SubsetChoice", "SubsetDesigns", "describe_subsets", "design_subsets"]
 
 _REACH_PX = 100
 """How far around a refused point a place that would do is looked for [px]."""
@@ -69,7 +70,8 @@ def design_subsets(
     **Refused** are points that no direction of which would be measured to 0.1 px in a frame.
 
     Frames in which something passes before a point are left out, see
-    `vfm_sdm.stages.tracking.design.samples.find_covered`.
+    `vfm_sdm.stages.tracking.design.samples.find_covered`; of a point that is named in another frame than the first, all
+    that do not resemble that frame (`vfm_sdm.stages.tracking.design.samples.find_hidden`): it may be hidden in most.
 
     Where less than two other frames can be read, or the square leaves the picture, nothing is known of a point: it gets
     a whole square and an affine warp.
@@ -105,12 +107,62 @@ def design_subsets(
         if not fitting or len(sampled.windows[row]) <= _FEWEST_FRAMES:
             return _unknown(subset_px)
         offset, frames = points[row] - sampled.centers[row], sampled.windows[row]
+        if reference_frame:
+            frames = frames[np.append(True, ~find_hidden(frames, min(fitting)))]
+            if len(frames) <= _FEWEST_FRAMES:
+                return _unknown(subset_px)
         seen = np.append(True, ~find_covered(_middle(frames, max(fitting) + 2 * MARGIN_PX)))
         choice = choose_subset(frames[seen], offset, fitting)
         return replace(choice, nearest=_place_inside(choice.nearest + points[row], limit))
 
     with ThreadPoolExecutor() as executor:
         return list(executor.map(choose, range(len(points))))
+
+
+class SubsetDesigns:
+    """Subsets of points of recordings, each looked at once.
+
+    Parameters
+    ----------
+    say
+        Called with what is being done.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._known: dict[tuple[Any, ...], SubsetChoice] = {}
+
+    def choose(
+        self,
+        video: Video,
+        view: str,
+        places: Mapping[str, FloatArray],
+        numbers: Mapping[str, int],
+        subset_px: int | None,
+    ) -> dict[str, SubsetChoice]:
+        """Subsets of points, by name, as of `design_subsets`.
+
+        Parameters
+        ----------
+        video, view
+            The recording, and the name of its view.
+        places
+            Pixels (2,) by name of the point [px].
+        numbers
+            Numbers of the frames in which points are there, by name; the first of those that are not named.
+        subset_px
+            Side of the squares [px]; chosen for each point when ``None``.
+        """
+        keys = {name: (view, numbers.get(name, 0), *place.tolist(), subset_px) for name, place in places.items()}
+        missing = [name for name, key in keys.items() if key not in self._known]
+        if missing:
+            self._say(f"subsets {view}")
+        for frame in sorted({numbers.get(name, 0) for name in missing}):
+            together = [name for name in missing if numbers.get(name, 0) == frame]
+            points2d = np.array([places[name] for name in together])
+            found = design_subsets(video, points2d, together, subset_px=subset_px, reference_frame=frame)
+            self._known |= {keys[name]: choice for name, choice in zip(together, found, strict=True)}
+        return {name: self._known[key] for name, key in keys.items()}
 
 
 def describe_subsets(names: Sequence[str], choices: Sequence[SubsetChoice]) -> xr.Dataset:

@@ -16,7 +16,7 @@ from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset, has
 from vfm_sdm.stages.registration.subsets import SubsetBank, check_subset_px
 from vfm_sdm.stages.tracking.base import Targets, WithoutStarts, track_whole
 from vfm_sdm.stages.tracking.inputs import check_correlations, check_counts, check_points, follow_frames
-from vfm_sdm.stages.tracking.standings import Standing
+from vfm_sdm.stages.tracking.standings import Standing, join_points
 
 __all__ = ["DIVISIONS", "TemplateTracker"]
 
@@ -76,6 +76,7 @@ class TemplateTracker(WithoutStarts):
     """
 
     name = "template"
+    takes_later_points = True
 
     def __init__(
         self,
@@ -146,26 +147,23 @@ class TemplateTracker(WithoutStarts):
         video, reference, targets, start, progress
             As there; targets are looked for around their places in the reference frame, wherever they were last.
         """
-        located: list[_Located] = []
+        standings = start or targets.homes
+        located: list[list[_Located]] = [[] for _ in standings]
         with ThreadPoolExecutor(self.threads) as executor:
 
             def begin(luma: LumaArray) -> Callable[[LumaArray], None]:
-                matcher = _TemplateSet(self, luma, targets.points, executor)
-                return lambda luma: located.append(matcher.locate(luma))
+                sets = [_TemplateSet(self, one.luma(luma), one.points, executor) for one in standings]
+
+                def advance(luma: LumaArray) -> None:
+                    for into, one in zip(located, sets, strict=True):
+                        into.append(one.locate(luma))
+
+                return advance
 
             time_s = follow_frames(video, reference, begin, progress)
-        shape = (len(located), len(targets.points))
-        position, covariance, correlation, status = (
-            np.array([one[part] for one in located]).reshape(*shape, *(2,) * more)
-            for part, more in enumerate((1, 2, 0, 0))
+        return join_points(
+            [_as_record(of, len(one.rows), time_s) for of, one in zip(located, standings, strict=True)], standings
         )
-        variables = {
-            "position": (("time", "point", "pixel"), position, {"units": "px"}),
-            "position_covariance": (("time", "point", "pixel_a", "pixel_b"), covariance, {"units": "px2"}),
-            "correlation": (("time", "point"), correlation, {"units": "1"}),
-            "status": (("time", "point"), status.astype(np.int8)),
-        }
-        return xr.Dataset(variables, coords={"time": ("time", time_s, {"units": "s"})})
 
     def on_one_thread(self) -> "TemplateTracker":
         """The same tracker for one of several processes that share the processors."""
@@ -192,7 +190,24 @@ class TemplateTracker(WithoutStarts):
         }
         values = (record[name].values for name in ("position", "position_covariance", "status"))
         tracks = make_tracks(record["time"].values, targets.names, *values, attrs=attrs)
+        if targets.named:
+            tracks = tracks.assign(reference=record["reference"])
         return tracks.assign(correlation=(("time", "point"), record["correlation"].values, {"units": "1"}))
+
+
+def _as_record(located: Sequence[_Located], points: int, time_s: FloatArray) -> xr.Dataset:
+    """Places of so many targets in all frames as a record."""
+    shape = (len(located), points)
+    position, covariance, correlation, status = (
+        np.array([one[part] for one in located]).reshape(*shape, *(2,) * more) for part, more in enumerate((1, 2, 0, 0))
+    )
+    variables = {
+        "position": (("time", "point", "pixel"), position, {"units": "px"}),
+        "position_covariance": (("time", "point", "pixel_a", "pixel_b"), covariance, {"units": "px2"}),
+        "correlation": (("time", "point"), correlation, {"units": "1"}),
+        "status": (("time", "point"), status.astype(np.int8)),
+    }
+    return xr.Dataset(variables, coords={"time": ("time", time_s, {"units": "s"})})
 
 
 class _TemplateSet:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.datasets import Status, frames_of_points
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video, VideoInfo, join_passes
-from vfm_sdm.stages.tracking.base import DesignedTracker, SegmentTracker, Targets, Tracker
+from vfm_sdm.stages.tracking.base import DesignedTracker, SegmentTracker, Targets, Tracker, check_later_points
 from vfm_sdm.stages.tracking.frame_clock import check_frames
 from vfm_sdm.stages.tracking.inputs import check_points
 from vfm_sdm.stages.tracking.lone_errors import include_lone_errors
@@ -22,7 +22,7 @@ from vfm_sdm.stages.tracking.segments import (
     read_pass,
     track_segments,
 )
-from vfm_sdm.stages.tracking.standings import include_references
+from vfm_sdm.stages.tracking.standings import Standing, include_references
 from vfm_sdm.stages.tracking.subset_design import SubsetChoice
 from vfm_sdm.stages.tracking.track_noise import include_track_noise
 from vfm_sdm.stages.tracking.undivided import InOnePiece, NoTargets
@@ -51,7 +51,8 @@ def track_views(
     videos
         Recordings by view name.
     points
-        Points dataset: positions in the first frame of every view, shape (V, P, 2) [px].
+        Points dataset: positions in every view, shape (V, P, 2) [px], in its first frame or in that of number
+        ``frame``.
     tracker
         Tracker that follows the points.
     subsets
@@ -68,6 +69,8 @@ def track_views(
         A recording cannot be decoded.
     DatasetError
         A position does not lie in its picture.
+    SessionError
+        A point is named in another frame than the first, which the tracker does not take.
     """
     work = work or Work()
     views = {
@@ -94,7 +97,7 @@ def is_whole(tracks: Mapping[str, xr.Dataset]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A recording, who follows its points, and those that have a position in its first frame."""
+    """A recording, who follows its points, and those that have a position in it."""
 
     video: Video
     names: list[str]
@@ -113,9 +116,12 @@ class _View:
         designs = None
         if subsets and isinstance(tracker, DesignedTracker):
             designs = [subsets[name].design for name in chosen]
+        numbers = frames_of_points(points, chosen)
+        check_later_points(tracker, [name for name, number in zip(chosen, numbers.tolist(), strict=True) if number])
         if not chosen:
             return cls(video, names, Targets(positions[known], chosen), NoTargets(), subsets)
-        targets = Targets(check_points(positions[known], chosen, video), chosen, designs)
+        places = check_points(positions[known], chosen, video)
+        targets = Targets(places, chosen, designs, named=Standing.of_named(video, places, numbers))
         return cls(
             video, names, targets, tracker if isinstance(tracker, SegmentTracker) else InOnePiece(tracker), subsets
         )

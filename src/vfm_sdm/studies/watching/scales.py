@@ -54,7 +54,7 @@ def read_cameras(path: Path) -> CameraSolution:
 
 
 def find_places(session: Session, view: View, earlier: CameraSolution | None) -> dict[str, FloatArray]:
-    """Where points are in the first picture of a view, by name, each of shape (2,) [px].
+    """Where points are in the first picture of a view, by name, each of shape (2,) [px]; not of those that come later.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def find_places(session: Session, view: View, earlier: CameraSolution | None) ->
         Cameras of an earlier run, which found the points in every view.
     """
     places = {}
-    for point in session.point:
+    for point in (one for one in session.point if not one.comes_later):
         pixel = point.pixel if point.view == view.name else point.pixel_in.get(view.name)
         if pixel is not None:
             places[point.name] = np.array(pixel, np.float64)

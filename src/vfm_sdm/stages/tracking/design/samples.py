@@ -10,7 +10,7 @@ from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, IntArray, Lum
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.video import Video
 
-__all__ = ["SampledWindows", "find_covered", "sample_windows"]
+__all__ = ["SampledWindows", "find_covered", "find_hidden", "sample_windows"]
 
 SAMPLES = 20
 """Frames that are looked at: motion of 0.1 px (rms) in noise of 0.1 px is then seen at four standard deviations."""
@@ -21,6 +21,10 @@ _CLEAR = 5.0
 """Times the noise by which a pixel must lie outside all that its surroundings show."""
 _COVERED, _MOST_COVERED = 0.1, 1 / 3
 """Share of a window that must be covered, and of the frames that may be, to be left out."""
+_FAR_PX = 40
+"""How far from its place in the reference frame a point is looked for [px]."""
+_SHOWN = 0.6
+"""Correlation from which on a sample frame shows the point: below, trackers call it lost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +119,38 @@ def find_covered(frames: LumaArray) -> BoolArray:
     low, high = cv2.erode(usual, reach) - _CLEAR * noise, cv2.dilate(usual, reach) + _CLEAR * noise
     covered = np.asarray(np.mean((frames[1:] < low) | (frames[1:] > high), axis=(1, 2)) > _COVERED)
     return covered if np.mean(covered) <= _MOST_COVERED else np.zeros_like(covered)
+
+
+def find_hidden(frames: LumaArray, side_px: int) -> BoolArray:
+    """Sample frames that do not show what the reference frame shows in the middle of its window.
+
+    Parameters
+    ----------
+    frames
+        The window in the reference frame and in K sample frames, shape (K + 1, R, R).
+    side_px
+        Side of the square in the middle that is looked for [px].
+
+    Returns
+    -------
+    hidden
+        Shape (K,).
+
+    Examples
+    --------
+    >>> seen = np.random.default_rng(0).integers(0, 255, (80, 80), np.uint8)
+    >>> find_hidden(np.stack([seen, np.roll(seen, 3, axis=1), np.full_like(seen, 20)]), 21).tolist()
+    [False, True]
+    """
+    low = frames.shape[1] // 2 - side_px // 2
+    template = frames[0, low : low + side_px, low : low + side_px].astype(np.float32)
+    reach = max(low - _FAR_PX, 0)
+    around = slice(reach, frames.shape[1] - reach)
+    best = [
+        float(cv2.matchTemplate(frame[around, around].astype(np.float32), template, cv2.TM_CCOEFF_NORMED).max())
+        for frame in frames[1:]
+    ]
+    return np.array([not score >= _SHOWN for score in best], np.bool_)
 
 
 def _cut(image: LumaArray, center: IntArray, half: int) -> LumaArray:
