@@ -10,6 +10,10 @@ from hypothesis import settings
 # A worker a processor: more threads would wait for each other, and how many there are decides how sums round. Libraries
 # read this when they are first imported, processes that tests start when they begin.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Numba tells all of OpenMP how many threads it takes itself: after the first rendering, PyTorch would have that many, too,
+# and with a worker a processor its small networks wait twenty times as long for each other as they compute.
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 # The same examples in every run, on every machine, however busy it is; --hypothesis-profile=default draws new ones.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
