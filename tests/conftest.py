@@ -31,6 +31,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--backwards", action="store_true", help="run the last test first: no test may need another")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Files are handed to workers as they are collected: those of whole measurements first, small ones at the end.
+
+    Else xdist begins with the files of most tests, and one of few tests that takes a minute is left for the end.
+    """
+    config.option.loadscopereorder = False
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Files, and the tests in them, from the last to the first where that was asked for."""
     if config.getoption("--backwards"):

@@ -13,6 +13,7 @@ from scenes import DEPTH, FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_points, make_tracks
 from vfm_sdm.core.netcdf import read_displacement, read_tracks
+from vfm_sdm.core.run_folder import RunFolder
 from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
@@ -36,6 +37,12 @@ def recorded(tmp_path_factory):
 def measured(recorded, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     return measure(read_session(recorded), folder), folder
+
+
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    """Figures are those of `measured`: drawing them takes a third of a run's time."""
+    monkeypatch.setattr("vfm_sdm.measurement.save_figures", lambda *_, **__: [])
 
 
 @pytest.fixture
@@ -469,20 +476,19 @@ class TestFilesOfARun:
 
     @pytest.mark.parametrize("pattern", ["{}/**/*.png", "{}/*/img.png"])
     def test_frames_of_nested_folders_are_in_the_key(self, tmp_path, pattern):
-        recording, count = write_scene(tmp_path / "scene", frames=6, injection=False), 6
+        recording = write_scene(tmp_path / "scene", tracker="template")
         for view in ("left", "right"):
             for path in sorted((recording.parent / view).glob("*.png")):
                 (recording.parent / view / path.stem).mkdir()
                 path.rename(recording.parent / view / path.stem / "img.png")
         session = self.with_images(read_session(recording, check_files=False), pattern)
-        Measurement(session, tmp_path / "run").run("audit")
-        assert measure(session, tmp_path / "run").summary["reused_stages"] == ["cameras", "tracking"]
+        Measurement(session, tmp_path / "run").run("tracks")
+        assert Measurement(session, tmp_path / "run").run("tracks").reused == ["cameras", "tracking"]
         (changed_frame,) = (recording.parent / "left").glob("*5/img.png")
         image = cv2.imread(str(changed_frame), 0)
         cv2.imwrite(str(changed_frame), np.roll(image, 1, axis=1))
-        again = measure(session, tmp_path / "run")
-        assert again.summary["reused_stages"] == []
-        assert len(again.summary["input_hashes"]) == 2 * count + 1
+        assert Measurement(session, tmp_path / "run").run("tracks").reused == []
+        assert len(RunFolder(tmp_path / "run").record["input_hashes"]) == 2 * FRAMES + 1
 
     def test_a_folder_among_the_frames_is_no_frame(self, recording, tmp_path):
         (recording.parent / "left" / "thumbs").mkdir()
@@ -497,7 +503,7 @@ class TestFilesOfARun:
         assert Measurement(read_session(recorded), folder).cameras.rig is not None
 
     def test_damaged_tracks_are_made_again(self, tmp_path):
-        session, folder = read_session(write_scene(tmp_path / "scene", frames=3)), tmp_path / "run"
+        session, folder = read_session(write_scene(tmp_path / "scene", frames=4, tracker="template")), tmp_path / "run"
         expected = Measurement(session, folder).tracks
         whole = (folder / "tracks.nc").read_bytes()
         rng = np.random.default_rng(3)
