@@ -10,8 +10,8 @@ from hypothesis import settings
 # A worker a processor: more threads would wait for each other, and how many there are decides how sums round. Libraries
 # read this when they are first imported, processes that tests start when they begin.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-# Numba tells all of OpenMP how many threads it takes itself: after the first rendering, PyTorch would have that many, too,
-# and with a worker a processor its small networks wait twenty times as long for each other as they compute.
+# Numba tells all of OpenMP how many threads it takes itself: after the first rendering, PyTorch would have that many,
+# too, and with a worker a processor the threads of its small networks wait twenty times as long as they compute.
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
