@@ -25,6 +25,9 @@ from vfm_sdm.stages.synchronize import synchronize_tracks
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.views import track_views
 
+# Figures are those of `measured`.
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])
 
 
@@ -37,12 +40,6 @@ def recorded(tmp_path_factory):
 def measured(recorded, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     return measure(read_session(recorded), folder), folder
-
-
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    """Figures are those of `measured`: drawing them takes a third of a run's time."""
-    monkeypatch.setattr("vfm_sdm.measurement.save_figures", lambda *_, **__: [])
 
 
 @pytest.fixture
