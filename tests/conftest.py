@@ -10,6 +10,10 @@ from hypothesis import settings
 # A worker a processor: more threads would wait for each other, and how many there are decides how sums round. Libraries
 # read this when they are first imported, processes that tests start when they begin.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Numba tells all of OpenMP how many threads it takes itself: after the first rendering, PyTorch would have that many,
+# too, and with a worker a processor the threads of its small networks wait twenty times as long as they compute.
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 # The same examples in every run, on every machine, however busy it is; --hypothesis-profile=default draws new ones.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
@@ -25,6 +29,14 @@ def _shared_folder() -> Path:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Order of the tests."""
     parser.addoption("--backwards", action="store_true", help="run the last test first: no test may need another")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Files are handed to workers as they are collected: those of whole measurements first, small ones at the end.
+
+    Else xdist begins with the files of most tests, and one of few tests that takes a minute is left for the end.
+    """
+    config.option.loadscopereorder = False
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -52,6 +64,12 @@ def shared_data() -> Callable[[str], Path]:
         return folder
 
     return find
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Measurements of this test draw no figures, which take a third of the time of a small one."""
+    monkeypatch.setattr("vfm_sdm.measurement.save_figures", lambda *_, **__: [])
 
 
 @pytest.fixture

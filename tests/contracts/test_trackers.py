@@ -4,6 +4,7 @@ Networks have random weights here. What they promise without knowing anything is
 follow a motion is shown with stand-ins (`tests/unit/tracking`) and with real weights (`-m weights`).
 """
 
+from collections import namedtuple
 from contextlib import nullcontext
 
 import cv2
@@ -59,9 +60,28 @@ def seeing(request):
     return find_tracker(request.param)
 
 
-@pytest.fixture(params=NETWORK_TRACKERS)
-def learned(request, tmp_path):
-    return small_tracker(request.param, tmp_path)
+Tracked = namedtuple("Tracked", ["tracker", "tracks", "seen"])
+"""A tracker, its tracks of the clip, and how many frames it said that it had seen, each time that it said so."""
+
+
+@pytest.fixture(scope="module")
+def track_once(clip, tmp_path_factory):
+    """`Tracked` by name of the tracker: networks take a second for what many tests look at."""
+    found = {}
+
+    def of_name(name):
+        if name not in found:
+            tracker, seen = small_tracker(name, tmp_path_factory.mktemp("tracker")), []
+            tracks = track(tracker, clip, progress=lambda what, done, total: seen.append(done))
+            found[name] = Tracked(tracker, tracks, seen)
+        return found[name]
+
+    return of_name
+
+
+@pytest.fixture(params=sorted(TRACKERS))
+def tracked(request, track_once):
+    return track_once(request.param)
 
 
 def track(tracker, clip, points=POINTS, names=("a", "b", "c"), **options):
@@ -75,16 +95,16 @@ def test_follows_a_known_motion(seeing, clip):
     assert (tracks["status"].values == Status.OK).all()
 
 
-def test_says_what_it_is(tracker, clip):
-    tracks = check_tracks(track(tracker, clip))
-    assert tracks.attrs["tracker"] == tracker.name
+def test_says_what_it_is(tracked):
+    tracks = check_tracks(tracked.tracks)
+    assert tracks.attrs["tracker"] == tracked.tracker.name
     assert (tracks.attrs["image_width"], tracks.attrs["image_height"]) == SHAPE[::-1]
     assert list(tracks["point"].values) == ["a", "b", "c"]
     np.testing.assert_allclose(tracks["time"].values, np.arange(FRAMES) / 30, atol=1e-9)
 
 
-def test_states_a_covariance_for_every_position(tracker, clip):
-    tracks = track(tracker, clip)
+def test_states_a_covariance_for_every_position(tracked):
+    tracks = tracked.tracks
     covariance = tracks["position_covariance"].values
     found = np.isfinite(tracks["position"].values).all(axis=-1)
     assert np.isfinite(covariance[found]).all()
@@ -92,21 +112,20 @@ def test_states_a_covariance_for_every_position(tracker, clip):
     assert (np.einsum("tpii->tp", covariance)[1:][found[1:]] > 0).all()
 
 
-def test_a_position_is_missing_where_the_status_says_so(tracker, clip):
-    tracks = track(tracker, clip)
+def test_a_position_is_missing_where_the_status_says_so(tracked):
+    tracks = tracked.tracks
     gone = np.isin(tracks["status"].values, [Status.LOST, Status.OUTSIDE])
     np.testing.assert_array_equal(np.isnan(tracks["position"].values).any(axis=2), gone)
     np.testing.assert_array_equal(np.isnan(tracks["position_covariance"].values).any(axis=(2, 3)), gone)
 
 
-def test_the_reference_frame_is_as_given(tracker, clip):
-    tracks = track(tracker, clip)
-    np.testing.assert_allclose(tracks["position"].values[0], POINTS, atol=1e-9)
+def test_the_reference_frame_is_as_given(tracked):
+    np.testing.assert_allclose(tracked.tracks["position"].values[0], POINTS, atol=1e-9)
 
 
-def test_is_deterministic(tracker, clip):
-    first, second = track(tracker, clip), track(tracker, clip)
-    np.testing.assert_array_equal(first["position"].values, second["position"].values)
+def test_is_deterministic(tracked, clip):
+    again = track(tracked.tracker, clip)
+    np.testing.assert_array_equal(tracked.tracks["position"].values, again["position"].values)
 
 
 def test_points_do_not_influence_each_other(tracker, clip):
@@ -117,8 +136,9 @@ def test_points_do_not_influence_each_other(tracker, clip):
     np.testing.assert_allclose(alone, together, rtol=0, atol=ROUNDING_PX if network else 1e-9)
 
 
-def test_networks_say_which_weights_and_precision(learned, clip):
-    attrs = track(learned, clip).attrs
+@pytest.mark.parametrize("name", NETWORK_TRACKERS)
+def test_networks_say_which_weights_and_precision(name, track_once):
+    attrs = track_once(name).tracks.attrs
     assert attrs["weights"].startswith("random-")
     assert attrs["precision"] == "float32"
 
@@ -142,11 +162,9 @@ def test_missing_is_nan_and_named(seeing, tmp_path):
     assert np.isnan(tracks["position"].values[3:]).all()
 
 
-def test_progress_counts_every_frame(tracker, clip):
-    seen = []
-    track(tracker, clip, progress=lambda what, done, total: seen.append(done))
-    assert seen[-1] == FRAMES
-    assert seen == sorted(seen)
+def test_progress_counts_every_frame(tracked):
+    assert tracked.seen[-1] == FRAMES
+    assert tracked.seen == sorted(tracked.seen)
 
 
 def test_names_and_points_must_agree(tracker, clip):

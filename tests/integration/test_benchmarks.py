@@ -28,7 +28,7 @@ SMALLEST = {
     "verdicts": ["--runs", "1", "--seeds", "1", "--faults", "both views drop frames", "a clipped reference"],
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
-SLOW = {"end_to_end", "lens", "lines", "long", "pairs", "plan", "references"}
+SLOW = {"end_to_end", "lens", "lines", "long", "pairs", "plan", "profiles", "references", "scale"}
 NEEDS = {"profiles": "lens_profiles"}
 """Real data without which a script has nothing to do."""
 ELSEWHERE = {"vggt": "test_benchmark_vggt.py", "vggt_costs": "no script, but what vggt counts with"}

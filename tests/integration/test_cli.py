@@ -32,13 +32,15 @@ def session_file(tmp_path_factory):
     return write_scene(tmp_path_factory.mktemp("scene"), frames=5)
 
 
-def test_measure(command, session_file, tmp_path):
+def test_measure(command, session_file, tmp_path, request):
     status, out, _ = command("measure", session_file, "-o", tmp_path / "run")
     assert status == 0
     assert "cameras: ok" in out
     assert "p-p" in out
     assert "measure site.perpendicular_distance" in out
     assert (tmp_path / "run" / "displacement.csv").exists()
+    assert (tmp_path / "run" / "figures" / "audit.png").exists()
+    request.getfixturevalue("undrawn")  # once is enough
     status, out, _ = command("measure", session_file, "-o", tmp_path / "run", "--export", "mat", "--export", "uff")
     assert status == 0
     assert (tmp_path / "run" / "displacement.mat").exists()

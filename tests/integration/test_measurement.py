@@ -13,6 +13,7 @@ from scenes import DEPTH, FPS, FRAMES, POINTS, motion_mm, write_scene
 from simulation import simple_rig
 from vfm_sdm.core.datasets import STRUCTURE_AXES, Status, make_points, make_tracks
 from vfm_sdm.core.netcdf import read_displacement, read_tracks
+from vfm_sdm.core.run_folder import RunFolder
 from vfm_sdm.errors import DatasetError, ResultsError, SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame, structure_from_cam1
@@ -23,6 +24,9 @@ from vfm_sdm.stages.matching.points import named_points
 from vfm_sdm.stages.synchronize import synchronize_tracks
 from vfm_sdm.stages.tracking.icgn import IcgnTracker
 from vfm_sdm.stages.tracking.views import track_views
+
+# Figures are those of `measured`.
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])
 
@@ -43,6 +47,12 @@ def recording(recorded, tmp_path):
     """A copy that a test may damage."""
     shutil.copytree(recorded.parent, tmp_path / "scene")
     return tmp_path / "scene" / "session.toml"
+
+
+@pytest.fixture
+def run(measured, tmp_path):
+    """A copy of the run folder of the recording."""
+    return shutil.copytree(measured[1], tmp_path / "run")
 
 
 def changed(session, **fields):
@@ -114,25 +124,21 @@ def test_finished_stages_are_reused(recorded, measured):
     np.testing.assert_array_equal(again.displacement["displacement"], measured[0].displacement["displacement"])
 
 
-def test_a_changed_input_runs_the_stage_again(recording, tmp_path):
-    out = tmp_path / "run"
-    measure(read_session(recording), out)
+def test_a_changed_input_runs_the_stage_again(recording, run):
     image = cv2.imread(str(recording.parent / "left" / "005.png"), 0)
     cv2.imwrite(str(recording.parent / "left" / "005.png"), np.roll(image, 1, axis=1))
-    again = measure(read_session(recording), out)
+    again = measure(read_session(recording), run)
     assert again.summary["reused_stages"] == []
 
 
-def test_a_changed_setting_runs_only_what_depends_on_it(recording, tmp_path):
-    out = tmp_path / "run"
+def test_a_changed_setting_runs_only_what_depends_on_it(recording, run):
     session = read_session(recording)
-    measure(session, out)
     method = {**session.method.model_dump(), "still_interval_s": (0.0, 0.2)}
-    again = measure(changed(session, method=method), out)
+    again = measure(changed(session, method=method), run)
     assert again.summary["reused_stages"] == ["cameras", "tracking", "injection"]
     assert again.displacement.attrs["relative_to"] == "mean of the still interval"
     method["tracker"] = "template"
-    assert measure(changed(session, method=method), out).summary["reused_stages"] == ["cameras"]
+    assert measure(changed(session, method=method), run).summary["reused_stages"] == ["cameras"]
 
 
 @pytest.mark.parametrize(
@@ -466,19 +472,20 @@ class TestFilesOfARun:
         return session.model_copy(update={"view": views})
 
     @pytest.mark.parametrize("pattern", ["{}/**/*.png", "{}/*/img.png"])
-    def test_frames_of_nested_folders_are_in_the_key(self, recording, tmp_path, pattern):
+    def test_frames_of_nested_folders_are_in_the_key(self, tmp_path, pattern):
+        recording = write_scene(tmp_path / "scene", tracker="template")
         for view in ("left", "right"):
             for path in sorted((recording.parent / view).glob("*.png")):
                 (recording.parent / view / path.stem).mkdir()
                 path.rename(recording.parent / view / path.stem / "img.png")
         session = self.with_images(read_session(recording, check_files=False), pattern)
-        measure(session, tmp_path / "run")
+        Measurement(session, tmp_path / "run").run("tracks")
+        assert Measurement(session, tmp_path / "run").run("tracks").reused == ["cameras", "tracking"]
         (changed_frame,) = (recording.parent / "left").glob("*5/img.png")
         image = cv2.imread(str(changed_frame), 0)
         cv2.imwrite(str(changed_frame), np.roll(image, 1, axis=1))
-        again = measure(session, tmp_path / "run")
-        assert again.summary["reused_stages"] == []
-        assert len(again.summary["input_hashes"]) == 2 * FRAMES + 1
+        assert Measurement(session, tmp_path / "run").run("tracks").reused == []
+        assert len(RunFolder(tmp_path / "run").record["input_hashes"]) == 2 * FRAMES + 1
 
     def test_a_folder_among_the_frames_is_no_frame(self, recording, tmp_path):
         (recording.parent / "left" / "thumbs").mkdir()
@@ -492,8 +499,8 @@ class TestFilesOfARun:
         (folder / "cameras.toml").write_text(content)
         assert Measurement(read_session(recorded), folder).cameras.rig is not None
 
-    def test_damaged_tracks_are_made_again(self, recorded, tmp_path):
-        session, folder = read_session(recorded), tmp_path / "run"
+    def test_damaged_tracks_are_made_again(self, tmp_path):
+        session, folder = read_session(write_scene(tmp_path / "scene", frames=4, tracker="template")), tmp_path / "run"
         expected = Measurement(session, folder).tracks
         whole = (folder / "tracks.nc").read_bytes()
         rng = np.random.default_rng(3)

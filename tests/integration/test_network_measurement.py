@@ -17,6 +17,8 @@ from vfm_sdm.stages.tracking.vggt import VggtTracker
 
 pytest.importorskip("torch", reason="PyTorch is not installed; pip install 'vfm-sdm[vfm]'")
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 TRUE_MM = np.array([motion_mm(i) for i in range(FRAMES)])
 
 

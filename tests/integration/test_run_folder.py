@@ -137,6 +137,7 @@ def test_killed_runs_leave_no_mixture(paths, finished, run, count):
     assert not list(folder.rglob(".*"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_views_that_were_tracked_before_a_kill_are_not_tracked_again(paths, folders, tmp_path):
     class Killed(BaseException):
         pass
@@ -182,6 +183,7 @@ def test_figures_that_a_run_no_longer_draws_go(paths, run):
     assert sorted(folder.glob("figures/*")) == sorted(result.figures)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_folder_in_use_is_refused(paths, run):
     folder, session = run, read_session(paths[0])
     inside = RunFolder(folder)

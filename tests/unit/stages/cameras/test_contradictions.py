@@ -74,8 +74,13 @@ def in_unit(metres: float) -> Callable[[Session], Session]:
 @pytest.mark.parametrize(
     ("misread", "name", "words"),
     [
-        (swap_distances, "distances of 'left'", "the other way round, do: exchange"),
-        (of_site(structure_side="left"), "side of the structure", "expected 'right', got 'left', do: correct"),
+        pytest.param(
+            *(swap_distances, "distances of 'left'", "the other way round, do: exchange"), marks=pytest.mark.slow
+        ),
+        pytest.param(
+            *(of_site(structure_side="left"), "side of the structure", "expected 'right', got 'left', do: correct"),
+            marks=pytest.mark.slow,
+        ),
         (turn_level, "signs of the level of 'left'", "do: correct the level"),
         (in_unit(1e-3), "baseline", "in millimetres, do: state it in metres"),
         pytest.param(in_unit(0.3048), "baseline", "in feet", marks=pytest.mark.slow),

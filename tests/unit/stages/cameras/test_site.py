@@ -199,6 +199,7 @@ class TestStructuralAxes:
         stds = [np.sqrt(a.covariance[0, 0]) for a in (without, with_face)]
         assert stds[1] < 0.6 * stds[0]
 
+    @pytest.mark.slow
     def test_relief_of_the_face_does_not_lengthen_the_focal_lengths(self):
         # Longer lenses flatten the relief that the same pictures show: least squares of it in metres would choose them.
         rng = np.random.default_rng(16)
