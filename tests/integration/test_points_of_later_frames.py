@@ -7,14 +7,16 @@ import pytest
 from scenes import DEPTH, FPS, POINTS, make_rig, motion_mm, render
 from textures import WaveTexture
 from vfm_sdm.core.datasets import Status
+from vfm_sdm.errors import SessionError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import (
     Session,
     read_session,
     write_session,
 )
-from vfm_sdm.measurement import measure
+from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.stages.cameras.file import write_rig
+from vfm_sdm.stages.cameras.solution import read_solution
 
 FRAMES, GONE, NAMED, BEHIND = 36, 9, 14, 4
 """Frames in all; those that the lorry hides; the one of the names; by which the right view begins later."""
@@ -114,3 +116,26 @@ def test_places_in_the_other_view_are_those_of_the_same_time(measured):
         at = points3d(rig)[list(POINTS).index(name)] + motion_mm(NAMED) / 1e3
         there = rig.cameras[1].project(at[None])[0]
         np.testing.assert_allclose(measured.points["position"].sel(view="right", point=name), there, atol=0.1)
+
+
+def test_the_run_folder_says_and_shows_in_which_frames_they_are(measured, recorded):
+    points = read_solution(measured.folder / "cameras.toml")[0].points
+    assert points["frame"].identical(measured.points["frame"])
+    drawn = {path.name for path in measured.figures}
+    expected = {"points_left.png", f"points_left_frame_{NAMED}.png", f"points_right_frame_{NAMED - BEHIND}.png"}
+    assert expected <= drawn
+    again = Measurement(read_session(recorded), measured.folder)
+    assert again.key("tracks") == measured.key("tracks")
+    assert again.cameras.points["frame"].identical(points["frame"])
+    assert "cameras" in again.reused
+    earlier = Measurement(with_points(read_session(recorded), frame=NAMED - 1, time_s=None))
+    assert earlier.key("cameras") != measured.key("cameras")
+
+
+def test_networks_refuse_them_before_any_work(recorded, monkeypatch):
+    session = read_session(recorded)
+    measurement = Measurement(session)
+    tracker = type("Network", (), {"name": "vggt"})()
+    monkeypatch.setattr(measurement, "_part", lambda kind: tracker)
+    with pytest.raises(SessionError, match=r"'b', 'c': expected points of the first frame.*'vggt'"):
+        measurement.run("tracks")
