@@ -4,14 +4,13 @@ The table says who reads a field; what is made of a product that changed changes
 """
 
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import BaseModel
 
-from vfm_sdm.core import code, registry
+from vfm_sdm.core import code
 from vfm_sdm.core.parts import BUILT_IN
 from vfm_sdm.core.products import Product
 from vfm_sdm.core.registry import settings_read
@@ -76,8 +75,6 @@ CORNERS = dict.fromkeys(("left", "right"), ((10.0, 10.0), (90.0, 10.0), (90.0, 5
 @pytest.fixture
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     """A session in which every table is there, and files of a few bytes; nothing is decoded or solved."""
-    # Nothing is installed meanwhile: to ask each time, by thousands of keys, takes three quarters of the time.
-    monkeypatch.setattr(registry, "announced", cache(registry.announced))
     monkeypatch.setattr("vfm_sdm.measurement.open_views", lambda session: {})
     monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", solution_of)
     monkeypatch.setattr("vfm_sdm.measurement.find_reference_frames", frames_of)

@@ -1,8 +1,10 @@
 """Parts that other packages announce through entry points; they are imported only when they are used."""
 
 import re
+import sys
 from collections.abc import Mapping
-from importlib.metadata import EntryPoint, entry_points
+from functools import lru_cache
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any, get_args
 
 from vfm_sdm.core.parts import KINDS, Kind, Needs, Part, PartSettings, Requirement
@@ -26,9 +28,16 @@ def announced(kind: Kind) -> Mapping[str, tuple[EntryPoint, ...]]:
         Kind of the parts.
     """
     found: dict[str, tuple[EntryPoint, ...]] = {}
-    for entry in entry_points(group=KINDS[kind].group):
+    for entry in _list_entries(KINDS[kind].group, tuple(sys.path)):
         found[entry.name] = (*found.get(entry.name, ()), entry)
     return found
+
+
+@lru_cache(maxsize=len(KINDS))
+def _list_entries(group: str, path: tuple[str, ...]) -> EntryPoints:
+    """Entry points of packages on this path, whose files are read once: a measurement asks some hundred times."""
+    del path  # by which answers are told apart
+    return entry_points(group=group)
 
 
 def origin(entry: EntryPoint) -> str:
