@@ -274,13 +274,16 @@ def simulate_day(folder: Path, hours: float) -> tuple[Measurement, xr.DataArray]
 
 
 def day_motion(time_s: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Motion of all points along the axes, shape (T, P, 3) [mm]: traffic half of the time, warmth over the day."""
+    """Motion of all points along the axes, shape (T, P, 3) [mm]: traffic half of the time, warmth over the day.
+
+    The frequency of 2.2 Hz changes by 0.3 Hz, so that the motion does not repeat itself and tells the clocks.
+    """
     traffic = np.clip(np.sin(2 * np.pi * time_s / 2400.0), 0, 1) ** 2
     warmth = 2.0 * np.sin(2 * np.pi * time_s / 86400.0)
     wave = np.stack(
         [
             2.0 * traffic * np.sin(2 * np.pi * 1.4 * time_s),
-            8.0 * traffic * np.sin(2 * np.pi * (2.2 + 0.3 * np.sin(time_s / 90.0)) * time_s) + warmth,
+            8.0 * traffic * np.sin(2 * np.pi * (2.2 * time_s - 27.0 * np.cos(time_s / 90.0))) + warmth,
             0 * time_s,
         ],
         axis=-1,
