@@ -84,7 +84,7 @@ class Measurement(SessionChain):
     Examples
     --------
     >>> Measurement.products()[:5]
-    ('recordings', 'frames', 'cameras', 'points', 'expectation')
+    ('recordings', 'frames', 'reference_frames', 'cameras', 'points')
     """
 
     def __init__(

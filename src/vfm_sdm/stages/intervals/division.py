@@ -106,7 +106,7 @@ def divide_tracks(tracks: xr.Dataset, session: Session) -> list[Interval]:
     >>> session = Session.model_construct(method=Method(interval_s=600.0))
     >>> tracks = xr.Dataset(coords={"time": np.arange(0.0, 1810.0, 10.0)})
     >>> [(round(one.begin_s), round(one.end_s)) for one in divide_tracks(tracks, session)]
-    [(0, 600), (600, 1200), (1200, 1810)]
+    [(0, 600), (600, 1200), (1200, 1800)]
     """
     time_s = tracks["time"].values
     still = session.method.still_interval_s

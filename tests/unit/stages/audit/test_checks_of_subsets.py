@@ -1,5 +1,7 @@
 """Checks of what subsets cover, from tracks that say it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -22,6 +24,7 @@ class Inputs:
             coords={"point": ["a", "b", "static"]},
         )
         self.tracks, self.moving = {"left": tracks.assign(variables)}, ["a", "b"]
+        self.cameras = SimpleNamespace(points=xr.Dataset(coords={"view": ["left"], "point": ["a", "b", "static"]}))
 
 
 def test_points_of_the_structure_that_move_as_a_whole_pass():
