@@ -2,13 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.files import file_hash
 from vfm_sdm.errors import ResultsError
 
 __all__ = ["JSON", "check_seal", "decoded", "restored", "seal_file", "sealed", "storable", "unsealed"]
@@ -147,11 +148,9 @@ def seal_file(path: Path) -> None:
     path
         The file.
     """
-    digest = hashlib.sha256()
-    for part in _read_parts(path):
-        digest.update(part)
+    digest = file_hash(path)
     with path.open("ab") as stream:
-        stream.write(_SEAL + digest.hexdigest().encode())
+        stream.write(_SEAL + digest.encode())
 
 
 def check_seal(path: Path) -> None:
@@ -174,14 +173,9 @@ def check_seal(path: Path) -> None:
     if not seal.startswith(_SEAL):
         return
     digest, left = hashlib.sha256(), size - end
-    for part in _read_parts(path):
-        digest.update(part[:left])
-        left -= min(len(part), left)
+    with path.open("rb") as stream:
+        while left and (part := stream.read(min(_READ_BYTES, left))):
+            digest.update(part)
+            left -= len(part)
     if digest.hexdigest().encode() != seal[len(_SEAL) :]:
         raise ValueError("its content is not what was written")
-
-
-def _read_parts(path: Path) -> Iterator[bytes]:
-    with path.open("rb") as stream:
-        while part := stream.read(_READ_BYTES):
-            yield part
