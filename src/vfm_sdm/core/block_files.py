@@ -77,9 +77,7 @@ class BlockFile:
             else:
                 self._extend(block, names)
         except OSError as error:
-            raise ResultsError(
-                f"{self._path}: expected to write it, got: {error}; make room, or use another disk"
-            ) from error
+            raise _cannot_write(self._path, error) from error
         self._frames += frames
 
     def change(self, name: str, frames: slice, change: Callable[[npt.NDArray[Any]], npt.NDArray[Any]]) -> None:
@@ -126,9 +124,7 @@ class BlockFile:
             stored = stored.drop_vars([name for name in stored.variables if name in known])
             stored.to_netcdf(self._path, mode="a", engine=_ENGINE)
         except OSError as error:
-            raise ResultsError(
-                f"{self._path}: expected to write it, got: {error}; make room, or use another disk"
-            ) from error
+            raise _cannot_write(self._path, error) from error
         # Without a cache: what was looked at once need not stay in memory.
         return restored(xr.open_dataset(self._path, engine=_ENGINE, decode_times=False, cache=False))
 
@@ -136,11 +132,7 @@ class BlockFile:
         stored = storable(block)
         stored.attrs = {}
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        encoding = {
-            str(name): _choose_layout(variable)
-            for name, variable in stored.variables.items()
-            if "time" in variable.dims
-        }
+        encoding = {name: _choose_layout(stored.variables[name]) for name in time_variables(stored)}
         stored.to_netcdf(self._path, engine=_ENGINE, encoding=encoding, unlimited_dims=["time"])
 
     def _extend(self, block: xr.Dataset, names: list[str]) -> None:

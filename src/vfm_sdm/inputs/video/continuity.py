@@ -10,7 +10,7 @@ from vfm_sdm.inputs.video.records import VideoInfo
 
 __all__ = ["count_time_code", "doubt_dates", "missing_by_code", "missing_by_stamps", "read_date", "read_time_code"]
 
-OWN_CLOCK_S = 1.0
+_OWN_CLOCK_S = 1.0
 """Difference of first stamps up to which both chapters begin a clock of their own [s]: encoders delay some frames."""
 _WITHIN_FRAME = 0.5
 """Share of the time between two frames by which stamps of two files may miss each other and still go on [1]."""
@@ -95,7 +95,7 @@ def missing_by_stamps(infos: tuple[VideoInfo, VideoInfo], begins_s: tuple[float,
     """
     length, interval = float(clock[-1]), float(clock[-1] - clock[-2])
     apart = begins_s[1] - begins_s[0]
-    if abs(apart) < min(OWN_CLOCK_S, length / 2):
+    if abs(apart) < min(_OWN_CLOCK_S, length / 2):
         return 0.0
     gap = apart - length
     if gap < -_WITHIN_FRAME * interval:
