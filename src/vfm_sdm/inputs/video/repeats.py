@@ -55,7 +55,7 @@ def compare_rows(before: npt.NDArray[np.float32], after: npt.NDArray[np.float32]
         return math.nan, math.nan
     change = (after - before).ravel()
     size = max(change.size, 1)
-    return float(np.sqrt(change @ change / size)), np.count_nonzero(change) / size
+    return float(np.sqrt(change @ change / size)), np.count_nonzero(after != before) / size
 
 
 def find_alike(rms: FloatArray, changed: FloatArray) -> IntArray:

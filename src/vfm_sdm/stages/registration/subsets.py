@@ -38,6 +38,7 @@ _NEVER_RIGID = -1.0
 _RANK = 1e-9
 """Share of the largest singular value from which on one counts: pixels against their strain differ by a million."""
 _SHARE = 16  # fewest registrations worth a thread of their own
+_PROCESSORS = os.cpu_count() or 1  # asked once: asking costs as much as a registration
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,9 +271,9 @@ class SubsetBank:
 
         shares = []
         for number, (_, _, own) in enumerate(work):
-            parts = max(min(os.cpu_count() or 1, len(own[0]) // _SHARE), 1) if executor is not None else 1
-            bounds = np.linspace(0, len(own[0]), parts + 1).round().astype(int).tolist()
-            shares += [(number, bound) for bound in pairwise(bounds)]
+            count = len(own[0])
+            parts = max(min(_PROCESSORS, count // _SHARE), 1) if executor is not None else 1
+            shares += [(number, bound) for bound in pairwise(count * part // parts for part in range(parts + 1))]
         if executor is None or len(shares) < 2:
             for one in shares:
                 share(one)

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -14,6 +14,7 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.core.covariances import judged_std, measured_axes
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.threads import thread_pool
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.subsets import RawRegistration, SubsetBank, SubsetDesign, check_subset_px
 from vfm_sdm.stages.tracking.base import Targets, track_whole
@@ -215,7 +216,7 @@ class IcgnTracker:
         """
         standings = start or targets.homes
         following: list[_Following] = []
-        with ThreadPoolExecutor(self.threads) as executor:
+        with thread_pool(self.threads) as executor:
 
             def begin(luma: LumaArray) -> Callable[[LumaArray], None]:
                 following.extend(_Following(self, luma, targets, one, executor) for one in standings)
@@ -238,7 +239,7 @@ class IcgnTracker:
         looks, reference, targets
             As there.
         """
-        with ThreadPoolExecutor(self.threads) as executor:
+        with thread_pool(self.threads) as executor:
             found = [self._look_from(home, looks, reference, targets, executor) for home in targets.homes]
         return [[one for of_home in starts for one in of_home] for starts in zip(*found, strict=True)]
 

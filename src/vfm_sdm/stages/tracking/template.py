@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from copy import copy
 
 import numpy as np
@@ -11,6 +11,7 @@ import xarray as xr
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.threads import thread_pool
 from vfm_sdm.inputs.video import Frame, Video, VideoInfo
 from vfm_sdm.stages.registration.peaks import correlation_peaks, cut_subset, has_rival
 from vfm_sdm.stages.registration.subsets import SubsetBank, check_subset_px
@@ -149,7 +150,7 @@ class TemplateTracker(WithoutStarts):
         """
         standings = start or targets.homes
         located: list[list[_Located]] = [[] for _ in standings]
-        with ThreadPoolExecutor(self.threads) as executor:
+        with thread_pool(self.threads) as executor:
 
             def begin(luma: LumaArray) -> Callable[[LumaArray], None]:
                 sets = [_TemplateSet(self, one.luma(luma), one.points, executor) for one in standings]
