@@ -20,6 +20,7 @@ from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
 from vfm_sdm.commands.lens import lens
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions, WorkerOptions, name_values
+from vfm_sdm.commands.page import page_command
 from vfm_sdm.commands.planning import plan
 from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
@@ -46,6 +47,7 @@ app = cyclopts.App(
 weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundation models: list and fetch them.")
 app.command(weights)
 app.command(batch_command, name="batch")
+app.command(page_command, name="page")
 app.command(accept)
 app.command(verify)
 app.command(lens)

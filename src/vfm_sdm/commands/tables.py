@@ -18,7 +18,7 @@ from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, RevisitSta
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
-from vfm_sdm.outputs.results import summarize_displacement
+from vfm_sdm.outputs.results import Worth, describe_expectation, summarize_displacement
 from vfm_sdm.stages.audit import Audit, AuditedInterval
 from vfm_sdm.stages.audit.scale_budget import ScaleBudget, say_percent
 from vfm_sdm.stages.cameras.solution import CameraSolution
@@ -50,12 +50,11 @@ _NO_LIMIT = 1e-6
 """Limit of a check below which any amount is a caution, and none is worth saying."""
 _MOST_INTERVALS = 5
 _WORTH_SAYING_S = 0.05
-_WORTH_SAYING_SHARE = 0.95
 _WORTH_NAMING, _WORTH_MEASURING = 0.05, 0.9
 """Share of the scale's variance from which a source is named, and share of its uncertainty that a further reading has
 to leave at most to be named [1]."""
-_LEVEL_DEG = 15.0
 _SUMMARY_ROWS = 2
+_COLOURS = {Worth.GOOD: "green", Worth.PART: "", Worth.EDGE: "yellow", Worth.UNKNOWN: "", Worth.REFUSED: "red"}
 _NAME_WIDTH = 16
 """Letters of a name that tables have room for; most are shorter."""
 _ROOM_BESIDE_BUDGET = 10
@@ -204,30 +203,9 @@ def expectation_table(expected: Mapping[str, xr.Dataset]) -> Table:
         table.add_column(Text(name))
     for view, subsets in expected.items():
         for name in subsets["point"].values:
-            words, style = _expectation(subsets.sel(point=name))
-            table.add_row(view, str(name), Text(words, style=style))
+            words, worth = describe_expectation(subsets.sel(point=name))
+            table.add_row(view, str(name), Text(words, style=_COLOURS[worth]))
     return table
-
-
-def _expectation(subset: xr.Dataset) -> tuple[str, str]:
-    """What a point should measure, in words, and the colour of the words."""
-    std_px = subset["expected_std"].values
-    if subset["status"].item() != PointStatus.OK:
-        place = subset["nearest"].values
-        advice = "name another place" + (f": ({place[0]:.0f}, {place[1]:.0f}) would do" if place[0] >= 0 else "")
-        return f"refused: {subset['status'].item()}; {advice}", "red"
-    if not np.isfinite(std_px[0]):
-        return "not known: too few frames, or too near to the border", ""
-    share = subset["believed"].item()
-    rest = f"; {share:.0%} of its square moves with it" if share < _WORTH_SAYING_SHARE else ""
-    rest += "; light that moves over it is taken out" if subset["shading"].item() else ""
-    if not np.isfinite(std_px[1]):
-        u, v = subset["across"].values
-        angle = np.degrees(np.arctan2(-v, u)) % 180
-        words = "horizontally" if min(angle, 180 - angle) < _LEVEL_DEG else f"at {angle:.0f} degrees"
-        words = "vertically" if abs(angle - 90) < _LEVEL_DEG else words
-        return f"{std_px[0]:.3f} px {words}, across its edge; nothing along it{rest}", "yellow"
-    return f"{std_px[0]:.3f} to {std_px[1]:.3f} px{rest}", "green" if share >= _WORTH_SAYING_SHARE else ""
 
 
 def displacement_table(displacement: xr.Dataset) -> Table:

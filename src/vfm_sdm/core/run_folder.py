@@ -4,17 +4,13 @@
 """
 
 import json
-import os
-import socket
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from vfm_sdm.core.files import file_hash, remove_orphans, write_json
+from vfm_sdm.core.one_writer import held_alone
 from vfm_sdm.errors import ResultsError
 
 __all__ = ["SESSION", "RunFolder"]
@@ -22,7 +18,7 @@ __all__ = ["SESSION", "RunFolder"]
 SESSION = "session.resolved.toml"
 """The session that is measured in a folder, with all its settings."""
 
-_SUMMARY, _LOCK, _OWNER, _FIGURES = "summary.json", "run.lock", "run.owner", "figures"
+_SUMMARY, _FIGURES = "summary.json", "figures"
 _RESULTS = (
     *("displacement.*", "revisit.csv", "evaluation.json", "acceptance_*.json", _SUMMARY),
     *(f"{_FIGURES}/{stem}.png" for stem in ("trajectory_*", "displacement_*", "points_*", "audit")),
@@ -67,29 +63,14 @@ class RunFolder:
         ResultsError
             Another process writes to the folder, or nobody can.
         """
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(self.path / _LOCK)
-            lock.acquire(timeout=0)
-        except Timeout as error:
-            raise ResultsError(
-                f"{self.path}: expected a folder that no other run writes to, got one in use{self._describe_owner()}; "
-                "wait for that run, or choose another -o"
-            ) from error
-        except (OSError, ValueError, NotImplementedError) as error:
-            raise ResultsError(
-                f"{self.path}: expected a folder to write to, got {getattr(error, 'strerror', None) or error}; choose "
-                "another -o"
-            ) from error
-        try:
-            owner = {"process": os.getpid(), "host": socket.gethostname(), "started": datetime.now(UTC).isoformat()}
-            write_json(self.path / _OWNER, owner, label="owner of the run folder")
+        with held_alone(
+            self.path,
+            "run",
+            expected="a folder that no other run writes to",
+            advice="wait for it, or choose another -o",
+        ):
             self._prepare(identity)
             yield
-        finally:
-            (self.path / _OWNER).unlink(missing_ok=True)
-            (self.path / _LOCK).unlink(missing_ok=True)
-            lock.release()
 
     def check_inputs_stay(self, inputs: Iterable[Path], written: Iterable[str]) -> None:
         """Refuses to overwrite what is measured.
@@ -187,15 +168,6 @@ class RunFolder:
         if record.get("finished") is False:
             return ("the session in this folder is not measured to its end; `vfm-sdm measure` finishes it",)
         return ()
-
-    def _describe_owner(self) -> str:
-        """Words on who writes to the folder; none where that is not known."""
-        try:
-            owner = json.loads((self.path / _OWNER).read_text(encoding="utf-8"))
-            started = datetime.fromisoformat(owner["started"]).astimezone().strftime("%Y-%m-%d %H:%M:%S")
-            return f" by process {owner['process']} on {owner['host']} since {started}"
-        except (OSError, ValueError, LookupError, TypeError):
-            return ""
 
     def _prepare(self, identity: Mapping[str, Any]) -> None:
         for folder in (self.path, self.path / _FIGURES):

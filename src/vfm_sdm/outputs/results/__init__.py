@@ -1,6 +1,7 @@
 """The run folder: tracks, displacement and summary written so that they are whole or absent, and read back."""
 
 from vfm_sdm.outputs.results.causes import first_cause
+from vfm_sdm.outputs.results.expectation import Worth, describe_expectation
 from vfm_sdm.outputs.results.exports import write_displacement, write_export
 from vfm_sdm.outputs.results.notes import (
     describe_camera_motion,
@@ -13,8 +14,10 @@ from vfm_sdm.outputs.results.notes import (
 from vfm_sdm.outputs.results.summary import describe_measurement, read_summary, summarize_displacement, write_summary
 
 __all__ = [
+    "Worth",
     "describe_camera_motion",
     "describe_clocks",
+    "describe_expectation",
     "describe_measurement",
     "describe_recording",
     "describe_refinement",

@@ -1,0 +1,1 @@
+"""The browser page: from films to a report by clicking, on this machine alone (extra ``page``)."""

@@ -1,0 +1,141 @@
+"""The page's server: on this machine alone, for who knows its address."""
+
+import os
+import secrets
+import socket
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+from fastapi import Response
+from fastapi.responses import FileResponse
+from nicegui import app, run, ui
+
+from vfm_sdm.errors import SessionError, VfmSdmError
+from vfm_sdm.page.folder import Project
+from vfm_sdm.page.guard import Guard
+from vfm_sdm.page.state import PageState
+from vfm_sdm.page.steps.films import show_films
+from vfm_sdm.page.steps.measure import show_measure
+from vfm_sdm.page.steps.points import show_points
+from vfm_sdm.page.steps.review import show_review
+from vfm_sdm.page.steps.site import show_site
+
+__all__ = ["serve"]
+
+_HOST = "127.0.0.1"
+_STEPS: dict[str, Callable[[PageState], None]] = {
+    "Films": show_films,
+    "Points": show_points,
+    "Site": show_site,
+    "Measure": show_measure,
+    "Review": show_review,
+}
+_STATIC = Path(__file__).parent / "static"
+_MISSING = 404
+
+
+def serve(folder: Path, *, port: int | None = None, browser: bool = True, tell: Callable[[str], None]) -> None:
+    """Serves the page until it is interrupted.
+
+    Parameters
+    ----------
+    folder
+        The folder that the page works in.
+    port
+        Where it listens; a free port when left out.
+    browser
+        Whether a browser is opened.
+    tell
+        Called with the page's address once it is there.
+
+    Raises
+    ------
+    SessionError
+        The folder is not there, or the port is taken.
+    ResultsError
+        Another page works in the folder.
+    """
+    project = Project(folder)
+    chosen = _free_port(port)
+    token = secrets.token_urlsafe(24)
+    address = f"http://{_HOST}:{chosen}/?token={token}"
+    page = PageState(project)
+    _add_routes(page)
+    app.add_middleware(Guard, token=token, port=chosen)
+
+    def begun() -> None:
+        tell(address)
+        if browser:
+            webbrowser.open(address)
+
+    app.on_startup(begun)
+    with project.opened():
+        try:
+            ui.run(
+                lambda: _build(page),
+                host=_HOST,
+                port=chosen,
+                title=f"vfm-sdm: {project.folder.name}",
+                show=False,
+                reload=False,
+                show_welcome_message=False,
+                favicon="📐",
+            )
+        finally:
+            if page.process is not None:
+                page.process.stop()
+
+
+def _free_port(port: int | None) -> int:
+    with socket.socket() as probe:
+        if os.name != "nt":  # there it would take the port of another program
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((_HOST, port or 0))
+        except OSError as error:
+            raise SessionError(f"port {port}: expected a free one, got: {error.strerror}; leave it out") from error
+        return int(probe.getsockname()[1])
+
+
+def _build(page: PageState) -> None:
+    """The five steps; each is built anew when it is opened, from the files."""
+    ui.add_head_html('<link rel="stylesheet" href="/static/page.css"><script src="/static/page.js"></script>')
+    ui.label(f"vfm-sdm · {page.project.folder.name}").classes("text-h6")
+    with ui.tabs().props("no-caps align=left").classes("w-full") as tabs:
+        for number, name in enumerate(_STEPS, start=1):
+            ui.tab(name, label=f"{number} {name}")
+    area = ui.column().classes("w-full")
+
+    def show(name: str) -> None:
+        area.clear()
+        # A column of its own, by which what is still computed for a step sees that it was left.
+        with area, ui.column().classes("w-full"):
+            try:
+                _STEPS[name](page)
+            except VfmSdmError as error:
+                ui.label(str(error)).classes("text-negative whitespace-pre-line")
+
+    tabs.on_value_change(lambda event: show(str(event.value)))
+    tabs.set_value(next(iter(_STEPS)))
+
+
+def _add_routes(page: PageState) -> None:
+    app.add_static_files("/static", _STATIC)
+
+    @app.get("/picture/{view}/{number}")
+    async def picture(view: str, number: int) -> Response:
+        """A frame of a view as JPEG."""
+        try:
+            content = await run.io_bound(lambda: page.sight().picture(view, max(number, 0)))
+        except VfmSdmError as error:
+            return Response(str(error), status_code=_MISSING, media_type="text/plain")
+        return Response(content, media_type="image/jpeg", headers={"cache-control": "private, max-age=60"})
+
+    @app.get("/report")
+    async def report() -> Response:
+        """The report of the run."""
+        path = page.project.run / "report.html"
+        if not path.is_file():
+            return Response("no report yet: write it in the review", status_code=_MISSING, media_type="text/plain")
+        return FileResponse(path)

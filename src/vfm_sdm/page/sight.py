@@ -1,0 +1,228 @@
+"""What is seen of the films before anything is measured: pictures, what a pixel is worth, and where it is elsewhere."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from threading import Lock
+from typing import Any
+
+import cv2
+import numpy as np
+
+from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.statuses import PointStatus
+from vfm_sdm.errors import CameraError, SessionError, VideoError
+from vfm_sdm.inputs.session import Point, Session
+from vfm_sdm.measurement import Measurement
+from vfm_sdm.outputs.results import Worth, describe_expectation
+from vfm_sdm.stages.cameras.base import CameraEstimate
+from vfm_sdm.stages.matching.detection import detect_features
+from vfm_sdm.stages.matching.epipolar import epipolar_band
+from vfm_sdm.stages.matching.locate import PointFinder
+from vfm_sdm.stages.matching.repeats import lie_on_repeats
+from vfm_sdm.stages.matching.starts import find_depth_range
+
+__all__ = ["Counterpart", "Sight", "Subset", "provisional"]
+
+_QUALITY = 90
+_LINE_SAMPLES = 60
+_SOMEWHERE = {"baseline": {"value": 1.0, "std": 0.1}}
+"""Site where nothing was measured yet: places in pictures do not depend on the scale."""
+
+
+@dataclass(frozen=True)
+class Subset:
+    """What a point should measure in a view.
+
+    Parameters
+    ----------
+    side_px
+        Side of its square [px]; 0 where it is refused.
+    std_px
+        Expected standard deviations in one frame, the best direction first [px].
+    words
+        That in words, with what to do.
+    worth
+        That in a word.
+    """
+
+    side_px: int
+    std_px: tuple[float, float]
+    words: str
+    worth: Worth
+
+
+@dataclass(frozen=True)
+class Counterpart:
+    """Where a point of one view is in another one.
+
+    Parameters
+    ----------
+    pixel
+        Its place (u, v) [px]; ``None`` where it was not found.
+    status
+        Whether it was found, or why not.
+    line
+        Its epipolar line, shape (N, 2) [px], as far as the picture shows it; empty without cameras.
+    """
+
+    pixel: tuple[float, float] | None
+    status: str
+    line: list[tuple[float, float]] = field(default_factory=list)
+
+
+def provisional(fields: dict[str, Any]) -> Session:
+    """A session of the films alone, where what was measured on site is not complete yet.
+
+    Parameters
+    ----------
+    fields
+        Plain tables, as of a file.
+
+    Raises
+    ------
+    SessionError
+        The films or points are not stated as they must be.
+    """
+    views = [
+        {key: view[key] for key in ("name", "video", "images", "fps", "capture_fps", "use_s", "lens") if key in view}
+        for view in fields.get("view", ())
+    ]
+    kept = {key: fields[key] for key in ("name", "point") if key in fields}
+    return Session(**kept, view=views, site=_SOMEWHERE if len(views) > 1 else {})
+
+
+class Sight:
+    """Recordings of a session, looked at.
+
+    Parameters
+    ----------
+    session
+        With or without points; of its site only what is known.
+
+    Notes
+    -----
+    Pictures come at once; the relation of the views takes some seconds the first time, and each further point then a
+    part of a second. Any thread may ask.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._measurement = Measurement(session)
+        self._recordings = self._measurement.recordings
+        self._lock = Lock()
+
+    @property
+    def sizes(self) -> dict[str, tuple[int, int]]:
+        """Width and height of each view's picture [px]."""
+        return {name: (video.info.width, video.info.height) for name, video in self._recordings.items()}
+
+    @property
+    def lengths(self) -> dict[str, int]:
+        """Number of frames of each view, as far as its file tells; 1 where it does not."""
+        return {name: video.info.frame_count or 1 for name, video in self._recordings.items()}
+
+    def picture(self, view: str, number: int = 0) -> bytes:
+        """A frame as JPEG.
+
+        Parameters
+        ----------
+        view, number
+            The view, and the number of its frame.
+
+        Raises
+        ------
+        SessionError
+            There is no such view.
+        VideoError
+            There is no such frame.
+        """
+        video = self._recordings.get(view)
+        if video is None:
+            raise SessionError(f"view: expected one of {', '.join(self._recordings)}, got {view!r}; reload the page")
+        colours = video.single(number).color_frame(number)
+        ok, encoded = cv2.imencode(".jpg", colours[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        if not ok:
+            raise VideoError(f"{view}: expected a picture that JPEG can hold, got {colours.shape}; choose another film")
+        return bytes(encoded)
+
+    def judge(self, view: str, name: str, pixel: tuple[float, float]) -> Subset:
+        """What a pixel should measure.
+
+        Parameters
+        ----------
+        view, name
+            The view, and the point.
+        pixel
+            Its place [px].
+        """
+        point = Point(name=name, view=view, pixel=pixel)
+        with self._lock:
+            asked = Measurement(self._measurement.session.model_copy(update={"point": (point,)}))
+            subset = asked.given(recordings=self._recordings).expectation[view].sel(point=name)
+            words, worth = describe_expectation(subset)
+            if worth in (Worth.GOOD, Worth.PART) and self._repeats(view, pixel):
+                words, worth = f"{words}; its pattern repeats, so it may be mistaken for a place beside it", Worth.PART
+        std_px = subset["expected_std"].values
+        return Subset(int(subset["subset_px"].item()), (float(std_px[0]), float(std_px[1])), words, worth)
+
+    def counterparts(self, point: Point) -> dict[str, Counterpart]:
+        """Where a point is in the other views, by view.
+
+        Parameters
+        ----------
+        point
+            The point; places that it names in other views stay.
+        """
+        views = list(self._recordings)
+        others = [view for view in views if view != point.view]
+        estimate = self.relation
+        if estimate.rig is None:
+            named = {view: point.pixel_in.get(view) for view in others}
+            return {
+                view: Counterpart(pixel, "named" if pixel else str(estimate.status)) for view, pixel in named.items()
+            }
+        session = self._measurement.session.model_copy(update={"point": (point,)})
+        with self._lock:
+            found = PointFinder(session, self._measurement.frames).find(estimate.rig, estimate.matches)
+        here, result = views.index(point.view), {}
+        for view in others:
+            place = found["position"].sel(view=view, point=point.name).values
+            status = str(found["status"].sel(view=view, point=point.name).item())
+            if view in point.pixel_in and status == PointStatus.OK:
+                status = "named"
+            pixel = (float(place[0]), float(place[1])) if np.isfinite(place).all() else None
+            line = self._line(estimate, np.array(point.pixel), (here, views.index(view)))
+            result[view] = Counterpart(pixel, status, line)
+        return result
+
+    @cached_property
+    def relation(self) -> CameraEstimate:
+        """Cameras as the pictures and what is known of them tell them, once looked for; none where they do not."""
+        session, frames = self._measurement.session, self._measurement.frames
+        with self._lock:
+            try:
+                found: CameraEstimate = self._measurement.part("cameras").estimate(session, frames)
+            except CameraError as error:
+                found = CameraEstimate(None, status=str(error))
+        return found
+
+    def _line(self, estimate: CameraEstimate, pixel: FloatArray, views: tuple[int, int]) -> list[tuple[float, float]]:
+        """The part of an epipolar line that the picture shows."""
+        if estimate.rig is None:
+            return []
+        between = [one for one in estimate.matches if {one.first, one.second} == set(views)]
+        if not between:
+            return []
+        line = epipolar_band(pixel, estimate.rig, views, find_depth_range(estimate.rig, between[0])).line
+        width, height = list(self.sizes.values())[views[1]]
+        inside = line[((line >= -0.5) & (line <= [width - 0.5, height - 0.5])).all(axis=1)]
+        chosen = np.linspace(0, len(inside) - 1, min(_LINE_SAMPLES, len(inside))).astype(int)
+        return [(float(u), float(v)) for u, v in inside[chosen]]
+
+    def _repeats(self, view: str, pixel: tuple[float, float]) -> bool:
+        if view not in self._features:
+            self._features[view] = detect_features(self._measurement.frames[view])
+        return bool(lie_on_repeats(np.array([pixel]), self._features[view])[0])
+
+    @cached_property
+    def _features(self) -> dict[str, Any]:
+        return {}

@@ -1,0 +1,96 @@
+"""What all steps of a page share: the folder, the session's draft, the films' pictures, the running measurement."""
+
+import json
+from threading import Lock
+from typing import Any
+
+from vfm_sdm.errors import SessionError
+from vfm_sdm.inputs.session import Session, Site
+from vfm_sdm.page.draft import Draft
+from vfm_sdm.page.folder import Project
+from vfm_sdm.page.process import MeasureProcess
+from vfm_sdm.page.sight import Sight, provisional
+
+__all__ = ["PageState"]
+
+
+class PageState:
+    """State of a page; what lasts is in the folder's files.
+
+    Parameters
+    ----------
+    project
+        The folder.
+    """
+
+    def __init__(self, project: Project) -> None:
+        self.project, self.draft = project, Draft(project.session)
+        self.process: MeasureProcess | None = None
+        self._sight: tuple[str, Sight] | None = None
+        self._lock = Lock()
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The session's fields as the file holds them now."""
+        return self.draft.fields
+
+    def session(self) -> Session:
+        """The session as far as it is stated: with its site where that is complete, else of the films alone.
+
+        Raises
+        ------
+        SessionError
+            The films or points cannot be used.
+        """
+        found, _ = self.draft.session()
+        if found is not None:
+            return found
+        return provisional(self.fields).model_copy(update={"folder": self.project.folder})
+
+    def site(self) -> tuple[Site, str]:
+        """The site as stated, and what is wrong with it; nothing where it is right."""
+        try:
+            return Site(**self.fields.get("site", {})), ""
+        except ValueError as error:
+            return Site(), str(error)
+
+    def sight(self) -> Sight:
+        """Pictures of the films; opened anew where the session names others, or tells more of their cameras.
+
+        Raises
+        ------
+        SessionError
+            No film is chosen, or the session names a film outside the folder.
+        VideoError
+            A film cannot be used.
+        """
+        session = self.session()
+        for view in session.view:
+            for one in view.video if isinstance(view.video, tuple) else (view.video or view.images,):
+                self.project.inside(str(one))
+        key = json.dumps(session.model_copy(update={"point": ()}).as_fields(), sort_keys=True, default=str)
+        with self._lock:
+            if self._sight is None or self._sight[0] != key:
+                self._sight = key, Sight(session.model_copy(update={"point": ()}))
+            return self._sight[1]
+
+    def measure(self) -> None:
+        """Begins to measure, or goes on where an earlier run was stopped.
+
+        Raises
+        ------
+        SessionError
+            Something is missing or wrong in the session, or it measures already.
+        """
+        if self.measuring:
+            raise SessionError("measure: expected one run at a time, got one that works; stop it first")
+        found, faults = self.draft.session()
+        if found is None:
+            raise SessionError("; ".join(faults))
+        found.check_points()
+        self.process = MeasureProcess(self.project.session, self.project.run)
+
+    @property
+    def measuring(self) -> bool:
+        """Whether a measurement works."""
+        return self.process is not None and self.process.status is None

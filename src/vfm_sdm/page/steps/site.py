@@ -1,0 +1,195 @@
+"""Step 3: what was measured on site, with units and uncertainty, drawn to scale while it is typed."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from vfm_sdm.errors import SessionError
+from vfm_sdm.page.sketch import draw_site
+from vfm_sdm.page.state import PageState
+from vfm_sdm.page.steps.common import as_point, in_thread, tell_errors, value_at
+from vfm_sdm.page.steps.lenses import LensForm
+
+__all__ = ["show_site"]
+
+_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048}
+_TOOLS = {"tape": 0.005, "laser": 0.003, "drawing": 0.02, "estimate": 0.1}
+"""Standard deviations to begin with [m]: what such readings repeat to between optical centres and a face."""
+_LENGTHS = (
+    (("site", "baseline"), "Baseline: between the two cameras"),
+    (("site", "perpendicular_distance"), "Reference camera to the face, at a right angle"),
+    (("site", "longitudinal_distance"), "From the foot of that line along the face to the picture's centre"),
+)
+
+
+def show_site(page: PageState) -> None:
+    """Builds the step.
+
+    Parameters
+    ----------
+    page
+        What the steps share.
+    """
+    ui.markdown("Lengths with the tool they were measured with; its uncertainty is a beginning that you may correct.")
+    with ui.row().classes("w-full no-wrap items-start"):
+        with ui.column().classes("w-1/2"):
+            faults = ui.label("").classes("text-negative whitespace-pre-line")
+            sketch = _Sketch(page, faults)
+            for path, title in _LENGTHS:
+                _length(page, path, title, sketch)
+            _side(page, sketch)
+            _level(page, sketch)
+            _spare_lengths(page, sketch)
+            ui.label("Lenses").classes("text-bold")
+            for view in page.fields.get("view", ()):
+                LensForm(page, view, sketch.refresh).build()
+        with ui.column().classes("w-1/2"):
+            sketch.build()
+
+
+class _Sketch:
+    """The drawing, which follows every change."""
+
+    def __init__(self, page: PageState, faults: ui.label) -> None:
+        self._page, self._faults = page, faults
+
+    def build(self) -> None:
+        self._drawn = ui.html("", sanitize=False).classes("w-full")
+        ui.button("Place cameras and points by the pictures", on_click=tell_errors(self.relate)).props("flat no-caps")
+        self._rig: Any = None
+        self._points: dict[str, Any] = {}
+        ui.timer(0, tell_errors(self.refresh), once=True)
+
+    async def relate(self) -> None:
+        """Draws cameras and points where the pictures see them; takes some seconds the first time."""
+        sight = await in_thread(self._page.sight)
+        self._rig = (await in_thread(lambda: sight.relation)).rig
+        views = list(sight.sizes)
+        for row in self._page.fields.get("point", ()):
+            point = as_point(row)
+            found = await in_thread(sight.counterparts, point)
+            places = {point.view: point.pixel} | {view: one.pixel for view, one in found.items() if one.pixel}
+            pixels = np.array([places.get(view, (np.nan, np.nan)) for view in views])
+            self._points[point.name] = pixels, point.static
+        await self.refresh()
+
+    async def refresh(self) -> None:
+        """Draws anew, and says what is missing."""
+        site, wrong = self._page.site()
+        _, faults = self._page.draft.session()
+        self._faults.set_text("\n".join(faults))
+        names = [str(view["name"]) for view in self._page.fields.get("view", ())]
+        drawn = f"<p>{wrong}</p>" if wrong else draw_site(site, names, self._rig, self._points)
+        self._drawn.set_content(drawn)
+
+
+def _length(page: PageState, path: Sequence[str], title: str, sketch: _Sketch) -> None:
+    """A length with its unit, its tool and its standard deviation."""
+    found = value_at(page.fields, path) or {}
+    with ui.row().classes("items-end no-wrap w-full"):
+        value = ui.number(title, value=found.get("value")).props("dense clearable").classes("grow")
+        unit = ui.select(list(_UNITS), value="m").props("dense")
+        tool = ui.select([*_TOOLS, "other"], value="tape" if not found else "other", label="by").props("dense")
+        std = ui.number("std [mm]", value=1e3 * found.get("std", _TOOLS["tape"]), min=0.001).props("dense")
+        std.classes("w-24")
+
+    async def keep() -> None:
+        if value.value is None:
+            page.draft.put(path, None)
+        elif std.value:
+            metres = float(value.value) * _UNITS[str(unit.value)]
+            page.draft.put(path, {"value": round(metres, 6), "std": round(float(std.value) / 1e3, 6)})
+        await sketch.refresh()
+
+    async def choose(event: Any) -> None:
+        if event.value in _TOOLS:
+            std.set_value(1e3 * _TOOLS[event.value])
+        await keep()
+
+    for one in (value, unit, std):
+        one.on_value_change(tell_errors(keep))
+    tool.on_value_change(tell_errors(choose))
+
+
+def _side(page: PageState, sketch: _Sketch) -> None:
+    """On which side the face lies."""
+    ui.label("Looking where the reference camera looks, the face lies on its")
+    side = ui.toggle(["left", "right"], value=value_at(page.fields, ("site", "structure_side")) or "right").props(
+        "dense"
+    )
+
+    async def keep() -> None:
+        page.draft.put(("site", "structure_side"), str(side.value))
+        await sketch.refresh()
+
+    side.on_value_change(tell_errors(keep))
+
+
+def _level(page: PageState, sketch: _Sketch) -> None:
+    """Pitch and roll of the reference camera."""
+    path = ("site", "reference_camera_level")
+    found = value_at(page.fields, path) or {}
+    both = found.get("value_deg")
+    with ui.row().classes("items-end no-wrap w-full"):
+        pitch = ui.number("Camera looks upwards by [deg]", value=found.get("pitch_deg", both)).props("dense clearable")
+        roll = ui.number("its right side is lower by [deg]", value=found.get("roll_deg", both)).props("dense clearable")
+        std = ui.number("std [deg]", value=found.get("std_deg", 0.2), min=0.001).props("dense").classes("w-24")
+
+    async def keep() -> None:
+        stated = {"pitch_deg": pitch.value, "roll_deg": roll.value}
+        given = {name: float(value) for name, value in stated.items() if value is not None}
+        page.draft.put(path, {**given, "std_deg": float(std.value)} if given and std.value else None)
+        await sketch.refresh()
+
+    for one in (pitch, roll, std):
+        one.on_value_change(tell_errors(keep))
+
+
+def _spare_lengths(page: PageState, sketch: _Sketch) -> None:
+    """Lengths between two points, and distances from the reference camera to one."""
+    names = [str(point["name"]) for point in page.fields.get("point", ())]
+    listed = ui.column().classes("w-full gap-0")
+
+    def show() -> None:
+        listed.clear()
+        site = page.fields.get("site", {})
+        with listed:
+            for table in ("range", "length"):
+                for number, one in enumerate(site.get(table, ())):
+                    ends = one.get("points", ("camera", one.get("point")))
+                    with ui.row().classes("items-center no-wrap"):
+                        ui.label(f"{ends[0]} to {ends[1]}: {one['value']:g} m, std {1e3 * one['std']:g} mm")
+                        ui.button(icon="delete", on_click=tell_errors(partial(remove, table, number))).props(
+                            "flat dense"
+                        )
+
+    async def remove(table: str, number: int) -> None:
+        rows = list(page.fields["site"][table])
+        del rows[number]
+        page.draft.put(("site", table), rows or None)
+        show()
+        await sketch.refresh()
+
+    async def add() -> None:
+        if first.value is None or value.value is None or not std.value:
+            raise SessionError("length: expected a point and a length, got none; choose and type them")
+        entry: dict[str, Any] = {"value": float(value.value), "std": float(std.value) / 1e3}
+        table, named = ("range", {"point": first.value})
+        if other.value != "camera":
+            table, named = "length", {"points": [first.value, other.value]}
+        rows = list(page.fields.get("site", {}).get(table, ()))
+        page.draft.put(("site", table), [*rows, {**named, **entry}])
+        show()
+        await sketch.refresh()
+
+    ui.label("Further lengths check the scale").classes("text-bold")
+    show()
+    with ui.row().classes("items-end no-wrap w-full"):
+        other = ui.select(["camera", *names], value="camera", label="from").props("dense")
+        first = ui.select(names, label="to").props("dense").classes("w-32")
+        value = ui.number("length [m]", min=0).props("dense").classes("w-28")
+        std = ui.number("std [mm]", value=5, min=0.001).props("dense").classes("w-20")
+        ui.button("Add", on_click=tell_errors(add)).props("outline dense")
