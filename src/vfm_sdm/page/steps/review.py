@@ -183,9 +183,8 @@ class _Review:
                 play = ui.button(icon="play_arrow").props(f'dense flat aria-label="play {view}"')
                 stop = ui.button(icon="pause").props(f'dense flat aria-label="pause {view}"')
                 times = ui.number("motion times", value=20, min=1, max=1000).props("dense").classes("w-28")
-            ui.html(f'<img src="/picture/{escape(view)}/0" alt="film"><canvas></canvas>', sanitize=False).classes("vs-film w-full").props(
-                f'id="{box_id}"'
-            )
+            still = f'<img src="/picture/{escape(view)}/0" alt="film"><canvas></canvas>'
+            ui.html(still, sanitize=False).classes("vs-film w-full").props(f'id="{box_id}"')
 
             async def begin() -> None:
                 tracks = await in_thread(self._results.film, view)

@@ -23,6 +23,7 @@ _LEFT = 12.0
 _AS_USUAL = 0.1
 """Share of the motion's variance that usual errors of such predictions may have: what they cannot tell, they do not."""
 _REFITS, _SPREAD_OUT = 3, 9.0
+_BLOCK = 4096
 
 
 def find_gaps(position: FloatArray, usable: npt.NDArray[np.bool_]) -> IntArray:
@@ -83,15 +84,28 @@ def find_gaps(position: FloatArray, usable: npt.NDArray[np.bool_]) -> IntArray:
 
 def _fit(y: FloatArray, rows: IntArray, order: int) -> tuple[FloatArray, FloatArray]:
     """Coefficients (p,) of the prediction of frames from the p before, the last first, and squared errors (R,)."""
-    past = np.stack([y[rows - lag] for lag in range(1, order + 1)])
     kept: BoolArray = np.ones(len(rows), np.bool_)
     for _ in range(_REFITS):
-        inside = past[:, kept].reshape(order, -1)
-        normal = inside @ inside.T
-        coefficients = np.linalg.lstsq(normal, inside @ y[rows[kept]].ravel(), rcond=1e-12)[0]
-        error = ((y[rows] - np.tensordot(coefficients, past, axes=1)) ** 2).sum(axis=1)
+        normal, product = np.zeros((order, order)), np.zeros(order)
+        for block in _blocks(len(rows)):
+            inside = _past(y, rows[block][kept[block]], order).reshape(order, -1)
+            normal += inside @ inside.T
+            product += inside @ y[rows[block][kept[block]]].ravel()
+        coefficients = np.linalg.lstsq(normal, product, rcond=1e-12)[0]
+        predicted = (np.tensordot(coefficients, _past(y, rows[block], order), axes=1) for block in _blocks(len(rows)))
+        error = ((y[rows] - np.concatenate(list(predicted))) ** 2).sum(axis=1)
         kept = error <= _SPREAD_OUT * np.median(error)
     return np.asarray(coefficients), np.asarray(error)
+
+
+def _blocks(count: int) -> list[slice]:
+    """Parts of so many rows: the past of all frames of an hour is a hundred times the frames."""
+    return [slice(first, first + _BLOCK) for first in range(0, count, _BLOCK)]
+
+
+def _past(y: FloatArray, rows: IntArray, order: int) -> FloatArray:
+    """The frames before each of R frames, the last first, shape (p, R, K)."""
+    return np.stack([y[rows - lag] for lag in range(1, order + 1)])
 
 
 def _goes_on(y: FloatArray, k: int, coefficients: FloatArray, usual: float) -> bool:
