@@ -1,5 +1,6 @@
 """The command ``page``: films to report in a browser."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -30,4 +31,5 @@ def page_command(
     def tell(address: str) -> None:
         _out.print(f"page: {address}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
 
-    serve(folder, port=port, browser=browser, tell=tell)
+    with suppress(KeyboardInterrupt):  # which is how it is meant to end
+        serve(folder, port=port, browser=browser, tell=tell)

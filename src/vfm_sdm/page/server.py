@@ -1,5 +1,6 @@
 """The page's server: on this machine alone, for who knows its address."""
 
+import asyncio
 import os
 import secrets
 import socket
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from fastapi import Response
 from fastapi.responses import FileResponse
-from nicegui import app, run, ui
+from nicegui import app, background_tasks, run, ui
 
 from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.page.folder import Project
@@ -33,6 +34,7 @@ _STEPS: dict[str, Callable[[PageState], None]] = {
 }
 _STATIC = Path(__file__).parent / "static"
 _MISSING = 404
+_PATIENCE_S = 0.05
 
 
 def serve(folder: Path, *, port: int | None = None, browser: bool = True, tell: Callable[[str], None]) -> None:
@@ -64,12 +66,15 @@ def serve(folder: Path, *, port: int | None = None, browser: bool = True, tell: 
     _add_routes(page)
     app.add_middleware(Guard, token=token, port=chosen)
 
-    def begun() -> None:
+    async def announce() -> None:
+        while not _listens(chosen):
+            await asyncio.sleep(_PATIENCE_S)
         tell(address)
         if browser:
             webbrowser.open(address)
 
-    app.on_startup(begun)
+    # Startup ends before the port is open.
+    app.on_startup(lambda: background_tasks.create(announce(), name="announce"))
     with project.opened():
         try:
             ui.run(
@@ -85,6 +90,13 @@ def serve(folder: Path, *, port: int | None = None, browser: bool = True, tell: 
         finally:
             if page.process is not None:
                 page.process.stop()
+
+
+def _listens(port: int) -> bool:
+    """Whether the page's port is open."""
+    with socket.socket() as probe:
+        probe.settimeout(1.0)
+        return probe.connect_ex((_HOST, port)) == 0
 
 
 def _free_port(port: int | None) -> int:

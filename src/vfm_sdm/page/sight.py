@@ -144,20 +144,20 @@ class Sight:
             raise VideoError(f"{view}: expected a picture that JPEG can hold, got {colours.shape}; choose another film")
         return bytes(encoded)
 
-    def judge(self, view: str, name: str, pixel: tuple[float, float]) -> Subset:
+    def judge(self, view: str, pixel: tuple[float, float]) -> Subset:
         """What a pixel should measure.
 
         Parameters
         ----------
-        view, name
-            The view, and the point.
+        view
+            The view.
         pixel
             Its place [px].
         """
-        point = Point(name=name, view=view, pixel=pixel)
+        point = Point(name="here", view=view, pixel=pixel)
         with self._lock:
             asked = Measurement(self._measurement.session.model_copy(update={"point": (point,)}))
-            subset = asked.given(recordings=self._recordings).expectation[view].sel(point=name)
+            subset = asked.given(recordings=self._recordings).expectation[view].isel(point=0)
             words, worth = describe_expectation(subset)
             if worth in (Worth.GOOD, Worth.PART) and self._repeats(view, pixel):
                 words, worth = f"{words}; its pattern repeats, so it may be mistaken for a place beside it", Worth.PART

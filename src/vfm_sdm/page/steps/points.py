@@ -10,30 +10,25 @@ from matplotlib.path import Path
 from nicegui import ui
 
 from vfm_sdm.errors import SessionError
-from vfm_sdm.outputs.results import Worth
-from vfm_sdm.page.sight import Counterpart, Sight, Subset
+from vfm_sdm.page.findings import Findings
+from vfm_sdm.page.sight import Sight
 from vfm_sdm.page.state import PageState
 from vfm_sdm.page.steps.common import as_point, in_thread, tell_errors
+from vfm_sdm.page.steps.point_table import PointTable, TableEvents
 from vfm_sdm.studies.planning.suggestion import suggest_points
 
 __all__ = ["fill_polygon", "show_points"]
 
-_LIGHTS = {
-    Worth.GOOD: "#2e7d32", Worth.PART: "#9ccc65", Worth.EDGE: "#f9a825", Worth.UNKNOWN: "#9e9e9e",
-    Worth.REFUSED: "#c62828",
-}  # fmt: skip
-_FOUND = ("ok", "named")
 _MODES = {"new": "new point", "place": "place the chosen point", "area": "area"}
 _MOST_POINTS = 400
+_LENS_PX = 168
 
 
 class _Points:
     """The step's widgets, and what is known of the points."""
 
     def __init__(self, page: PageState) -> None:
-        self.page = page
-        self.subsets: dict[tuple[str, str, float, float], Subset] = {}
-        self.elsewhere: dict[str, dict[str, Counterpart]] = {}
+        self.page, self.findings = page, Findings()
         self.chosen = ""
         self.overlays: dict[str, Any] = {}
         self.sight: Sight | None = None
@@ -56,15 +51,14 @@ class _Points:
             self.busy = ui.spinner(size="1.5em")
             self.busy.visible = False
             self.says = ui.label("")
-        self.table = ui.column().classes("w-full gap-0")
+        self.table = PointTable(self.findings, TableEvents(self.rename, self.fix, self.remove))
         ui.on("vs_click", tell_errors(self.clicked))
         ui.on("vs_drag", tell_errors(self.dragged))
         ui.on("vs_pick", tell_errors(self.picked))
         ui.timer(0, tell_errors(self.open), once=True)
 
     async def open(self) -> None:
-        self.pictures.clear()
-        self.overlays.clear()
+        """Shows the first frames, and looks for the points that there are."""
         if not self.page.fields.get("view"):
             with self.pictures:
                 ui.label("Choose films first.")
@@ -73,7 +67,7 @@ class _Points:
         with self.pictures:
             for view, (width, height) in self.sight.sizes.items():
                 self._picture(view, width, height)
-        await self.refresh()
+        self.refresh()
         await self.look_for_all()
 
     def _picture(self, view: str, width: int, height: int) -> None:
@@ -85,16 +79,16 @@ class _Points:
                 ui.html(f'<img src="/picture/{escape(view)}/0" alt="first frame" draggable="false">', sanitize=False)
                 self.overlays[view] = ui.html("", sanitize=False)
             lens = ui.element("canvas").classes("vs-lens")
-            lens.props["width"] = lens.props["height"] = 168
+            lens.props["width"] = lens.props["height"] = _LENS_PX
             ui.label("").classes("vs-read")
 
     async def clicked(self, event: Any) -> None:
-        """Adds a point."""
+        """Adds a point, says where the chosen one is in this view, or adds a corner of an area."""
         view, u, v = event.args["view"], float(event.args["u"]), float(event.args["v"])
         if self.mode.value == "area":
             kept = self.area[1] if self.area[0] == view else []
             self.area = view, [*kept, (u, v)]
-            await self.refresh()
+            self.refresh()
             return
         if self.mode.value == "place":
             if not self.chosen:
@@ -102,13 +96,13 @@ class _Points:
             self.page.draft.move_point(self.chosen, view, (u, v))
         else:
             self.chosen = self.page.draft.add_point(view, (u, v))
-        await self.refresh()
+        self.refresh()
         await self.look_for(self.chosen)
 
-    async def end_area(self, _: Any) -> None:
+    async def end_area(self) -> None:
         """Forgets the corners of an area."""
         self.area = "", []
-        await self.refresh()
+        self.refresh()
 
     async def fill(self) -> None:
         """Fills the area whose corners were clicked with a grid of points."""
@@ -121,52 +115,51 @@ class _Points:
         for pixel in grid:
             self.page.draft.add_point(view, pixel)
         self.mode.set_value("new")
-        await self.refresh()
+        self.refresh()
         await self.look_for_all()
 
     async def dragged(self, event: Any) -> None:
         """Moves a point in a view."""
         view, name = event.args["view"], event.args["point"]
-        at = self._places(view).get(name)
+        at = self.findings.places(self.rows, view).get(name)
         if at is None:
             return
         self.page.draft.move_point(name, view, (at[0] + float(event.args["u"]), at[1] + float(event.args["v"])))
         self.chosen = name
-        self.elsewhere.pop(name, None)
-        await self.refresh()
+        self.refresh()
         await self.look_for(name)
 
     async def picked(self, event: Any) -> None:
         """Chooses a point."""
         self.chosen = event.args["point"]
-        await self.refresh()
+        self.refresh()
 
     async def look_for_all(self) -> None:
-        for point in self._rows():
+        """Looks for every point, one after the other."""
+        for point in self.rows:
             await self.look_for(point["name"])
 
     async def look_for(self, name: str) -> None:
         """What a point is worth in its own view at once, then where it is in the others, and what it is worth there."""
-        sight = self.sight
-        point = next((one for one in self._rows() if one["name"] == name), None)
-        if point is None or sight is None:
+        point = next((one for one in self.rows if one["name"] == name), None)
+        if point is None or self.sight is None:
             return
         self.busy.visible = True
         try:
-            await self._judge(sight, point["view"], name, tuple(point["pixel"]))
-            self.elsewhere[name] = await in_thread(sight.counterparts, as_point(point))
-            await self.refresh()
-            for view, one in self.elsewhere[name].items():
+            await self._judge(self.sight, point["view"], (float(point["pixel"][0]), float(point["pixel"][1])))
+            if not self.findings.counterparts(point):
+                self.findings.add_counterparts(point, await in_thread(self.sight.counterparts, as_point(point)))
+            self.refresh()
+            for view, one in self.findings.counterparts(point).items():
                 if one.pixel is not None:
-                    await self._judge(sight, view, name, one.pixel)
+                    await self._judge(self.sight, view, one.pixel)
         finally:
             self.busy.visible = False
 
-    async def _judge(self, sight: Sight, view: str, name: str, pixel: tuple[float, float]) -> None:
-        key = (view, name, *pixel)
-        if key not in self.subsets:
-            self.subsets[key] = await in_thread(sight.judge, view, name, pixel)
-        await self.refresh()
+    async def _judge(self, sight: Sight, view: str, pixel: tuple[float, float]) -> None:
+        if self.findings.subset(view, pixel) is None:
+            self.findings.add_subset(view, pixel, await in_thread(sight.judge, view, pixel))
+        self.refresh()
 
     async def suggest(self) -> None:
         """Adds the best places that are found, in a thread."""
@@ -180,127 +173,46 @@ class _Points:
         finally:
             self.busy.visible = False
             self.says.set_text("")
-        known = {one["name"] for one in self._rows()}
+        known = {one["name"] for one in self.rows}
         for one in suggestion.session.point:
             if one.name not in known:
                 self.page.draft.add_point(one.view, one.pixel, name=one.name, static=one.static)
-        await self.refresh()
+        self.refresh()
         await self.look_for_all()
 
-    async def refresh(self) -> None:
-        """Draws the overlays and the table anew."""
+    def refresh(self) -> None:
+        """Draws the overlays anew, and shows what is known in the table."""
+        rows = self.rows
         for view, overlay in self.overlays.items():
-            overlay.set_content(self._svg(view))
-        self.table.clear()
-        with self.table:
-            self._rows_of_table()
+            area = ""
+            if self.area[0] == view:
+                corners = " ".join(f"{u:.1f},{v:.1f}" for u, v in self.area[1])
+                area = f'<polygon points="{corners}" fill="#ffb30055" stroke="#ffb300" stroke-width="2"/>'
+            size = self.sight.sizes[view] if self.sight else (1, 1)
+            overlay.set_content(self.findings.draw(rows, view, size=size, chosen=self.chosen, area=area))
+        self.table.show(rows, list(self.overlays))
 
-    def _rows(self) -> list[dict[str, Any]]:
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """Tables of the points, as the file holds them now."""
         return list(self.page.fields.get("point", ()))
 
-    def _places(self, view: str) -> dict[str, tuple[float, float]]:
-        """Where points are in a view, named or found [px]."""
-        found = {}
-        for point in self._rows():
-            there = self.elsewhere.get(point["name"], {}).get(view)
-            if point["view"] == view:
-                found[point["name"]] = tuple(point["pixel"])
-            elif view in point.get("pixel_in", {}):
-                found[point["name"]] = tuple(point["pixel_in"][view])
-            elif there is not None and there.pixel is not None:
-                found[point["name"]] = there.pixel
-        return found
-
-    def _svg(self, view: str) -> str:
-        if self.sight is None:
-            return ""
-        width, height = self.sight.sizes[view]
-        marks = [self._line(view)]
-        if self.area[0] == view:
-            corners = " ".join(f"{u:.1f},{v:.1f}" for u, v in self.area[1])
-            marks.append(f'<polygon points="{corners}" fill="#ffb30055" stroke="#ffb300" stroke-width="2"/>')
-        for name, (u, v) in self._places(view).items():
-            subset = self.subsets.get((view, name, u, v))
-            colour = _LIGHTS[subset.worth] if subset else "#ffffff"
-            half = subset.side_px / 2 if subset else 0.0
-            thick = 4 if name == self.chosen else 2
-            marks.append(
-                f'<g class="vs-point" data-point="{escape(name)}" fill="none" stroke="{colour}" stroke-width="{thick}">'
-                f'<rect x="{u - half}" y="{v - half}" width="{2 * half}" height="{2 * half}"/>'
-                f'<path class="vs-mark" d="M{u - 3} {v}h6M{u} {v - 3}v6"/>'
-                f'<text x="{u + half + 2}" y="{v - half - 2}">{escape(name)}</text></g>'
-            )
-        return f'<svg viewBox="-0.5 -0.5 {width} {height}" preserveAspectRatio="none">{"".join(marks)}</svg>'
-
-    def _line(self, view: str) -> str:
-        """The epipolar line of the chosen point."""
-        there = self.elsewhere.get(self.chosen, {}).get(view)
-        if there is None or len(there.line) < 2:
-            return ""
-        corners = " ".join(f"{u:.1f},{v:.1f}" for u, v in there.line)
-        return f'<polyline points="{corners}" fill="none" stroke="#4fc3f7" stroke-width="1.5" stroke-dasharray="6 4"/>'
-
-    def _rows_of_table(self) -> None:
-        rows = self._rows()
-        if not rows:
-            ui.label("No point yet.")
-            return
-        with ui.grid(columns="auto minmax(9em,1fr) auto 3fr auto").classes("w-full items-center gap-x-4 gap-y-0"):
-            for point in rows:
-                self._row_of_table(point)
-
-    def _row_of_table(self, point: dict[str, Any]) -> None:
-        name = point["name"]
-        with ui.row().classes("no-wrap gap-0"):
-            for view in self.overlays:
-                self._light(view, name)
-        field = ui.input(value=name).props(f'dense borderless aria-label="name of {escape(name)}"')
-        field.on("blur", tell_errors(partial(self.rename, name, field)))
-        field.on("keydown.enter", tell_errors(partial(self.rename, name, field)))
-        still = ui.checkbox("static", value=bool(point.get("static")))
-        still.on_value_change(tell_errors(partial(self.set_static, name)))
-        ui.label(self._words(point)).classes("text-caption")
-        ui.button(icon="delete", on_click=tell_errors(partial(self.remove, name))).props("flat dense round")
-
-    def _light(self, view: str, name: str) -> None:
-        at = self._places(view).get(name)
-        subset = None if at is None else self.subsets.get((view, name, *at))
-        colour = _LIGHTS[subset.worth] if subset else "#fff"
-        light = ui.element("span").classes("vs-light").style(f"background:{colour}")
-        with light:
-            ui.tooltip(f"{view}: {subset.words if subset else 'not looked at yet'}")
-
-    def _words(self, point: dict[str, Any]) -> str:
-        said = []
-        at = tuple(point["pixel"])
-        own = self.subsets.get((point["view"], point["name"], *at))
-        said.append(f"{point['view']} ({at[0]:.1f}, {at[1]:.1f}): {own.words if own else '...'}")
-        for view, one in self.elsewhere.get(point["name"], {}).items():
-            place = "" if one.pixel is None else f" ({one.pixel[0]:.1f}, {one.pixel[1]:.1f})"
-            advice = "" if one.status in _FOUND else "; choose it, then 'place the chosen point' and click it there"
-            said.append(f"{view}{place}: {one.status}{advice}")
-        return " · ".join(said)
-
-    async def rename(self, name: str, field: Any) -> None:
+    async def rename(self, name: str, wanted: str) -> None:
         """Gives a point another name."""
-        wanted = str(field.value).strip()
-        if wanted and wanted != name and name in {one["name"] for one in self._rows()}:
+        if wanted and wanted != name and name in {one["name"] for one in self.rows}:
             self.page.draft.change_point(name, name=wanted)
-            self.elsewhere[wanted] = self.elsewhere.pop(name, {})
-            for view, old, u, v in [key for key in self.subsets if key[1] == name]:
-                self.subsets[view, wanted, u, v] = self.subsets.pop((view, old, u, v))
-            self.chosen = wanted
-            await self.refresh()
+            self.chosen = wanted if self.chosen == name else self.chosen
+            self.refresh()
 
-    async def set_static(self, name: str, event: Any) -> None:
-        """Says whether a point cannot move."""
-        self.page.draft.change_point(name, static=True if event.value else None)
+    async def fix(self, name: str, static: bool) -> None:
+        """Says whether a point cannot move; where it is elsewhere, the face tells no more."""
+        self.page.draft.change_point(name, static=True if static else None)
+        await self.look_for(name)
 
     async def remove(self, name: str) -> None:
         """Removes a point."""
         self.page.draft.remove_point(name)
-        self.elsewhere.pop(name, None)
-        await self.refresh()
+        self.refresh()
 
 
 def fill_polygon(corners: Sequence[tuple[float, float]], spacing_px: float) -> list[tuple[float, float]]:
