@@ -23,6 +23,7 @@ from vfm_sdm.commands.options import ClockOptions, RecipeOptions, WorkerOptions,
 from vfm_sdm.commands.planning import plan
 from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.commands.report import report
 from vfm_sdm.commands.watch import watch
 from vfm_sdm.core.registry import find
 from vfm_sdm.core.sensor_datasets import SensorUnits
@@ -48,6 +49,7 @@ app.command(weights)
 app.command(batch_command, name="batch")
 app.command(accept)
 app.command(verify)
+app.command(report)
 app.command(lens)
 app.command(plan)
 app.command(points)

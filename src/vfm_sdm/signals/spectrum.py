@@ -3,12 +3,12 @@
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import next_fast_len, rfft
-from scipy.signal import detrend
+from scipy.signal import detrend, welch
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["detection_limit", "dominant_frequency"]
+__all__ = ["amplitude_spectrum", "detection_limit", "dominant_frequency"]
 
 _SHORTEST_S = 2.0
 _FEWEST_CYCLES = 4.0
@@ -19,6 +19,7 @@ _FALSE_PEAK = 1e-5
 """Nominal probability that noise alone gives a peak; as the noise level is estimated from few lines, the true one is
 below 1 in 300 for white noise and about 1 in 100 for a random walk (found by simulation)."""
 _ZERO_PADDING = 4
+_STRETCH = 8192
 _CHANCE = 0.05
 """Probability with which noise alone shows a line above the limit of detection, as two standard deviations have it."""
 
@@ -133,6 +134,59 @@ def dominant_frequency(time_s: npt.ArrayLike, values: npt.ArrayLike) -> float | 
     curvature = left - 2 * middle + right
     offset = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
     return float((highest + offset) / (padded * interval))
+
+
+def amplitude_spectrum(
+    time_s: npt.ArrayLike, values: npt.ArrayLike, *, most_lines: int = 2000
+) -> tuple[FloatArray, FloatArray]:
+    """Amplitudes of the oscillations of a series by frequency, for drawing.
+
+    Parameters
+    ----------
+    time_s
+        Increasing time stamps, shape (T,) [s].
+    values
+        The series, any unit, shape (T,); NaN where there is no value.
+    most_lines
+        Lines that are returned at most, each the highest of its neighbours.
+
+    Returns
+    -------
+    frequency_hz, amplitude
+        Shapes (F,) [Hz] and (F,) in the unit of the series; empty where fewer than 80 % of the frames have a value, or
+        the values span less than 2 s.
+
+    Notes
+    -----
+    Evenly spaced by linear interpolation, linear trend removed, Hann window; of long series the mean power over
+    half-overlapping stretches of 8192 samples (Welch). A sinusoid between two lines shows up to 15 % too small.
+
+    Examples
+    --------
+    >>> time_s = np.arange(300) / 30
+    >>> frequency_hz, amplitude = amplitude_spectrum(time_s, 0.5 * np.sin(2 * np.pi * 3.0 * time_s))
+    >>> round(float(frequency_hz[amplitude.argmax()]), 2), round(float(amplitude.max()), 2)
+    (3.0, 0.5)
+    """
+    clock, series = as_float_array(time_s, "time_s", (None,)), as_float_array(values, "values", (None,))
+    found = np.flatnonzero(np.isfinite(series))
+    count = int(found[-1] - found[0]) + 1 if found.size else 0
+    if count < 2 or clock[found[-1]] - clock[found[0]] < _SHORTEST_S or found.size < _FEWEST_VALID * count:
+        return np.zeros(0), np.zeros(0)
+    grid = np.linspace(clock[found[0]], clock[found[-1]], count)
+    even = np.interp(grid, clock[found], series[found])
+    frequency_hz, power = welch(
+        even,
+        fs=1 / float(grid[1] - grid[0]),
+        window="hann",
+        nperseg=min(count, _STRETCH),
+        detrend="linear",
+        scaling="spectrum",
+    )
+    amplitude = np.sqrt(2 * power[1:])
+    share = -(-amplitude.size // most_lines)
+    starts = np.arange(0, amplitude.size, share)
+    return np.asarray(frequency_hz[1:][starts]), np.asarray(np.maximum.reduceat(amplitude, starts))
 
 
 def _background(power: FloatArray, lines: IntArray) -> FloatArray:
