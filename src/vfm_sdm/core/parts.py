@@ -1,8 +1,8 @@
 """Every interchangeable part of the package, one line each: trackers, cameras, matchers, writers, checks, sections.
 
 Parts are named by dotted strings, so that the layers below them can ask what a part needs without importing it. To add
-one, write its class (or, of writers, checks and sections, its function) and its line here; another package announces its own
-through the entry-point group of the kind (`KINDS`), and says the same of it by attributes of the class.
+one, write its class (or, of writers, checks and sections, its function) and its line here; another package announces
+its own through the entry-point group of the kind (`KINDS`), and says the same of it by attributes of the class.
 """
 
 from collections.abc import Mapping

@@ -180,7 +180,7 @@ def amplitude_spectrum(
         fs=1 / float(grid[1] - grid[0]),
         window="hann",
         nperseg=min(count, _STRETCH),
-        detrend="linear",
+        detrend=detrend,
         scaling="spectrum",
     )
     amplitude = np.sqrt(2 * power[1:])

@@ -80,8 +80,8 @@ def write_session(path: Path | str, session: Session) -> Path:
 def session_hash(session: Session) -> str:
     """SHA-256 of everything the session says of the measurement, as 64 hexadecimal digits.
 
-    Independent of the order and spelling of the file, of whether a default is written out, of the folder, and of what is
-    said for a report alone; the contents of the files that it names do not enter (see `file_hash`).
+    Independent of the order and spelling of the file, of whether a default is written out, of the folder, and of what
+    is said for a report alone; the contents of the files that it names do not enter (see `file_hash`).
     """
     # Who fills in the client's name after the measurement has not measured another session.
     fields = session.model_dump(mode="json")

@@ -18,8 +18,8 @@ class Cell:
     text
         Text as it is shown.
     value
-        The number before it was rounded, in the unit that the text is in; ``None`` where the text is none, or the number
-        is not known.
+        The number before it was rounded, in the unit that the text is in; ``None`` where the text is none, or the
+        number is not known.
     """
 
     text: str

@@ -1,8 +1,9 @@
-"""Drawings as SVG: lines, bands, texts, and panels with axes and grid, in which text is escaped and numbers are short."""
+"""Drawings as SVG: lines, bands, texts, and panels with axes and grid; text is escaped, and numbers are short."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from typing import TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from vfm_sdm.core.arrays import FloatArray, unbroken_runs
 from vfm_sdm.outputs.report.language import Language, count_decimals
 
-__all__ = ["WIDTH", "Drawing", "Panel", "nice_ticks", "shorten", "span_of"]
+__all__ = ["WIDTH", "Drawing", "Letters", "Panel", "nice_ticks", "shorten", "span_of"]
 
 WIDTH = 720.0
 """Width of all drawings; on paper a unit is a quarter of a millimetre."""
@@ -18,6 +19,20 @@ _TEXT = 11.5
 _INK, _GRID = "#222222", "#d8d8d8"
 _LETTER = 0.56
 """Width of a letter over its height, about."""
+
+
+class Letters(TypedDict, total=False):
+    """How a text is written: which end lies at its place (``start``, ``middle``, ``end``), height and colour.
+
+    ``halo`` is the colour of an edge around the letters, before pictures; ``turned`` text runs upwards.
+    """
+
+    anchor: str
+    size: float
+    colour: str
+    bold: bool
+    halo: str
+    turned: bool
 
 
 @dataclass
@@ -71,35 +86,24 @@ class Drawing:
             f'<polygon points="{_corners(points)}" fill="{colour}" fill-opacity="{opacity:g}" stroke="{edge}"/>'
         )
 
-    def dot(self, x: float, y: float, radius: float, colour: str, *, filled: bool = True) -> None:
+    def dot(self, place: npt.ArrayLike, radius: float, colour: str, *, filled: bool = True) -> None:
         """A disc, or a circle.
 
         Parameters
         ----------
-        x, y, radius
-            Its place and size.
+        place, radius
+            Its place, shape (2,), and size.
         colour, filled
             Its colour, and whether it is a disc.
         """
+        x, y = np.asarray(place, dtype=float)
         fill = colour if filled else "none"
         self._parts.append(
             f'<circle cx="{_short(x)}" cy="{_short(y)}" r="{radius:g}" fill="{fill}" stroke="{colour}"'
             ' stroke-width="1.2"/>'
         )
 
-    def text(
-        self,
-        x: float,
-        y: float,
-        text: str,
-        *,
-        anchor: str = "start",
-        size: float = _TEXT,
-        colour: str = _INK,
-        bold: bool = False,
-        halo: str = "",
-        turned: bool = False,
-    ) -> None:
+    def text(self, x: float, y: float, text: str, **letters: Unpack[Letters]) -> None:
         """Text, on its baseline.
 
         Parameters
@@ -108,17 +112,13 @@ class Drawing:
             Its place.
         text
             What it says.
-        anchor
-            ``start``, ``middle`` or ``end`` lies at that place.
-        size, colour, bold
-            Of the letters.
-        halo
-            Colour of an edge around the letters, before pictures.
-        turned
-            Whether it runs upwards.
+        letters
+            How it is written, see `Letters`.
         """
-        style = ' font-weight="bold"' if bold else ""
-        turn = f' transform="rotate(-90 {_short(x)} {_short(y)})"' if turned else ""
+        anchor, size = letters.get("anchor", "start"), letters.get("size", _TEXT)
+        halo, colour = letters.get("halo", ""), letters.get("colour", _INK)
+        style = ' font-weight="bold"' if letters.get("bold") else ""
+        turn = f' transform="rotate(-90 {_short(x)} {_short(y)})"' if letters.get("turned") else ""
         begin = f'<text x="{_short(x)}" y="{_short(y)}" font-size="{size:g}" text-anchor="{anchor}"{style}{turn}'
         shown = escape(text)
         if halo:
@@ -251,7 +251,7 @@ class Panel:
             flat = [row[:1] if single else row for row, single in zip(corners, once, strict=True)]
             points = np.concatenate(flat)
             if len(points) == 1:
-                self.drawing.dot(*points[0], 0.6, colour)
+                self.drawing.dot(points[0], 0.6, colour)
             else:
                 self.drawing.line(points, colour, width=width)
 
@@ -282,14 +282,14 @@ def nice_ticks(low: float, high: float, about: int = 5) -> list[float]:
 
     Examples
     --------
-    >>> nice_ticks(-0.9, 2.3, 4)
+    >>> nice_ticks(-0.9, 2.3, 3)
     [0.0, 1.0, 2.0]
     """
     if not (np.isfinite([low, high]).all() and high > low):
         return [low]
     rough = (high - low) / max(about, 1)
     power = 10.0 ** np.floor(np.log10(rough))
-    step = float(power * next(factor for factor in (1, 2, 5, 10) if factor * power >= rough))
+    step = float(power * next(factor for factor in (1, 2, 5, 10) if factor * power >= 0.75 * rough))
     first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
     return [float(np.round(n * step, 12)) for n in range(first, last + 1)]
 

@@ -219,5 +219,5 @@ def draw_spans(inputs: ReportInputs, points: tuple[str, ...], language: Language
                 y = top + _ROW * (row + 1)
                 x, low, high = panel.place([span, max(span - half, 0.0), span + half], [0.0] * 3)[:, 0]
                 drawing.line([[low, y], [high, y]], colour, width=1.4)
-                drawing.dot(float(x), y, 2.2, colour)
+                drawing.dot((x, y), 2.2, colour)
     return drawing.svg()

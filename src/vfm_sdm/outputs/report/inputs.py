@@ -10,7 +10,7 @@ from typing import Any
 
 import xarray as xr
 
-from vfm_sdm.core.datasets import check_variable
+from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.netcdf import open_displacement, read_dataset, read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.stored import check_seal
@@ -203,8 +203,8 @@ def _take_report(measured: Session, path: Path | str, summary: Mapping[str, Any]
     given = read_session(path, check_files=False)
     if session_hash(given) != summary.get("session_hash"):
         raise SessionError(
-            f"{path}: expected the session of this run, got another one, beyond its table [report]; measure it, or name "
-            "the file that was measured"
+            f"{path}: expected the session of this run, got another one, beyond its table [report]; measure it, or "
+            "name the file that was measured"
         )
     return measured.model_copy(update={"report": given.report})
 

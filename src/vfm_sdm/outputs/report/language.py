@@ -16,7 +16,7 @@ __all__ = ["LANGUAGES", "UNKNOWN", "Language", "count_decimals", "find_language"
 UNKNOWN = "–"
 """Stands where nothing is known."""
 _GROUP = "\u202f"
-"""Between groups of three digits; a comma or a dot would be taken for a decimal sign by readers of the other language."""
+"""Between groups of three digits; a comma or a dot is a decimal sign to readers of the other language."""
 _MINUS = "\u2212"
 _MOST_DECIMALS = 9
 _FIRST_GROUPED = 10_000

@@ -1,4 +1,4 @@
-"""First frames with points, subsets and axes drawn in, from the recordings, or from the run's own figures without them."""
+"""First frames with points, subsets and axes drawn in; without the recordings, the figures that the run drew."""
 
 from base64 import b64encode
 from collections.abc import Iterator
@@ -28,8 +28,10 @@ _ALL_BYTES = 1_600_000
 """Bytes of all pictures together before they are written as text; a report has to stay below 5 MB."""
 _WIDEST_PX = 1600
 _QUALITIES = (85, 75, 60, 45, 30)
-_ROSETTE = 74.0
+_ROSETTE = 50.0
 """Length of the longest axis that is drawn."""
+_ROSETTE_ROOM = (142.0, 76.0)
+"""How far its middle lies from the edges, so that the axes' names fit."""
 _SHORTEST = 6.0
 """Length up to which an axis is drawn as seen from its end."""
 
@@ -120,9 +122,10 @@ def draw_photo(inputs: ReportInputs, photo: Photo, language: Language) -> str:
     drawing = Drawing(tall * scale, label)
     drawing.picture(_address(_compress(_to_eight_bit(photo.frame), room)), 0, 0, WIDTH, tall * scale)
     _draw_points(drawing, inputs, photo.view, scale)
+    taken = [position for _, position in _places(inputs, photo.view)]
     rig = inputs.cameras.rig
     if rig is not None and photo.view in rig.names:
-        _draw_rosette(drawing, inputs, rig.camera(photo.view), language)
+        _draw_rosette(drawing, inputs, (rig.camera(photo.view), taken), language)
     return drawing.svg()
 
 
@@ -138,7 +141,7 @@ def _draw_points(drawing: Drawing, inputs: ReportInputs, view: str, scale: float
         for edge, width in (("#000000", 2.6), (colour if name not in inputs.static else "#ffffff", 1.2)):
             square = [[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]]
             drawing.line([*square, square[0]], edge, width=width)
-        drawing.dot(float(x), float(y), 1.6, ORANGE)
+        drawing.dot((x, y), 1.6, ORANGE)
         late = x > 0.8 * drawing.width
         size = 9.0 if many else 11.5
         shown = shorten(name, 90 if many else 180, size)
@@ -167,8 +170,11 @@ def _places(inputs: ReportInputs, view: str) -> Iterator[tuple[str, FloatArray]]
             yield str(name), position
 
 
-def _draw_rosette(drawing: Drawing, inputs: ReportInputs, camera: Camera, language: Language) -> None:
-    """The axes' positive directions as the camera shows them amid the points, at the lower left."""
+def _draw_rosette(
+    drawing: Drawing, inputs: ReportInputs, seen: tuple[Camera, list[FloatArray]], language: Language
+) -> None:
+    """The axes' positive directions as a camera shows them amid the points, in a corner that these leave free."""
+    camera, taken = seen
     middle = mean_of_known(point_positions(inputs))
     if not np.isfinite(middle).all():
         return
@@ -182,39 +188,47 @@ def _draw_rosette(drawing: Drawing, inputs: ReportInputs, camera: Camera, langua
     if not np.isfinite(lengths).all() or lengths.max() == 0:
         return
     arrows *= _ROSETTE / lengths.max()
-    corner = np.array([100.0, drawing.height - 84.0])
-    box = [[8, drawing.height - 160], [250, drawing.height - 160], [250, drawing.height - 8], [8, drawing.height - 8]]
-    drawing.area(box, "#ffffff", opacity=0.78)
+    corner = _find_free_corner(drawing, [(place + 0.5) * drawing.width / camera.image_size[0] for place in taken])
     for number, (axis, arrow) in enumerate(zip(inputs.axis_names, arrows, strict=True)):
         colour = AXIS_COLOURS[number % len(AXIS_COLOURS)]
-        shown = f"+ {language.word('axis', axis)}"
         end = corner + arrow
         if np.linalg.norm(arrow) < _SHORTEST:
+            end = corner + np.array([0.0, -12.0])
             _draw_end_on(drawing, corner, colour, away=float((ends[number + 1] - ends[0]) @ camera.rotation[2]) > 0)
         else:
+            drawing.arrow(corner, end, "#ffffff", width=5.5)
             drawing.arrow(corner, end, colour, width=2.2)
-        leftwards = arrow[0] < -10
+        flat = abs(arrow[0]) > abs(arrow[1])
         drawing.text(
-            float(np.clip(end[0] + (-4 if leftwards else 5), 12, 246)),
-            float(
-                np.clip(end[1] + (12 if arrow[1] > 10 else 4 if abs(arrow[1]) <= 10 else -3), 0, drawing.height - 12)
-            ),
-            shown,
-            anchor="end" if leftwards and end[0] > 90 else "start",
+            float(end[0] + (np.sign(arrow[0]) * 5 if flat else 0)),
+            float(end[1] + (4 if flat else 14 if arrow[1] > 0 else -5)),
+            f"+ {language.word('axis', axis)}",
+            anchor=("start" if arrow[0] > 0 else "end") if flat else "middle",
             size=11,
             colour=colour,
             bold=True,
+            halo="white",
         )
+
+
+def _find_free_corner(drawing: Drawing, taken: list[FloatArray]) -> FloatArray:
+    """The place near a corner of a drawing that lies farthest from places (2,) that are taken."""
+    across, down = _ROSETTE_ROOM
+    corners = [np.array([x, y]) for x in (across, drawing.width - across) for y in (drawing.height - down, down)]
+    if not taken:
+        return corners[0]
+    return max(corners, key=lambda corner: min(float(np.linalg.norm(corner - place)) for place in taken))
 
 
 def _draw_end_on(drawing: Drawing, at: FloatArray, colour: str, *, away: bool) -> None:
     """An arrow along the line of sight: its feathers where it points away, its tip where it points here."""
-    drawing.dot(*at, 7, colour, filled=False)
+    drawing.dot(at, 7, colour, filled=False)
     if away:
         for side in (-5.0, 5.0):
-            drawing.line([at - [5.0, side], at + [5.0, side]], colour)
+            stroke = np.array([5.0, side])
+            drawing.line([at - stroke, at + stroke], colour)
     else:
-        drawing.dot(*at, 2, colour)
+        drawing.dot(at, 2, colour)
 
 
 def _to_eight_bit(frame: npt.NDArray[np.generic]) -> npt.NDArray[np.uint8]:

@@ -13,7 +13,7 @@ from vfm_sdm.outputs.report.language import Language, count_decimals
 __all__ = ["Place", "draw_site", "point_positions", "site_places"]
 
 _MARGIN, _ROOM = 26.0, 70.0
-_TALLEST = 420.0
+_TALLEST = 330.0
 _FLATTEST = 90.0
 """Height of a drawing at least, also where all lies on one level."""
 
@@ -114,7 +114,7 @@ def draw_site(inputs: ReportInputs, places: list[Place], view: str, language: La
 
     def at(position: FloatArray) -> FloatArray:
         """Place of a position (2,) in the drawing."""
-        return np.array([WIDTH / 2, (height - 20) / 2]) + (position - middle) * [scale, -scale]
+        return np.asarray(np.array([WIDTH / 2, (height - 20) / 2]) + (position - middle) * [scale, -scale])
 
     points = [at(f) for f, p in zip(flat, places, strict=True) if p.sight is None and not p.static]
     if view == "plan" and of_structure and len(points) > 1:
@@ -122,7 +122,8 @@ def draw_site(inputs: ReportInputs, places: list[Place], view: str, language: La
     for f, place in zip(flat, places, strict=True):
         if place.sight is not None:
             direction, half = place.sight
-            _draw_camera(drawing, at(f), np.array([direction[right], -sign * direction[up]]), half)
+            away = np.linalg.norm(np.array(points) - at(f), axis=1).max(initial=60.0)
+            _draw_camera(drawing, at(f), (np.array([direction[right], -sign * direction[up]]), half), float(away))
     _draw_names(drawing, [(at(f), p) for f, p in zip(flat, places, strict=True)])
     _draw_axes(drawing, height, [(axes[right], right, (1.0, 0.0)), (axes[up], up, (0.0, -sign))], language)
     _draw_ruler(drawing, height, scale, language)
@@ -136,14 +137,15 @@ def _draw_face(drawing: Drawing, points: FloatArray) -> None:
     drawing.line([[ends[0], level], [ends[1], level]], "#b9b9b9", width=5)
 
 
-def _draw_camera(drawing: Drawing, at: FloatArray, direction: FloatArray, half: float) -> None:
-    """A camera with its field of view, seen along an axis."""
+def _draw_camera(drawing: Drawing, at: FloatArray, sight: tuple[FloatArray, float], reach: float) -> None:
+    """A camera with its field of view as far as it reaches, seen along an axis."""
+    direction, half = sight
     length = float(np.linalg.norm(direction))
     if length < 0.2:
-        drawing.dot(*at, 5, VERMILION, filled=False)
+        drawing.dot(at, 5, VERMILION, filled=False)
         return
     angle = float(np.arctan2(direction[1], direction[0]))
-    corners = [at + 60 * np.array([np.cos(angle + side), np.sin(angle + side)]) for side in (-half, half)]
+    corners = [at + reach * np.array([np.cos(angle + side), np.sin(angle + side)]) for side in (-half, half)]
     drawing.area([at, *corners], VERMILION, opacity=0.12)
     for corner in corners:
         drawing.line([at, corner], VERMILION, width=0.6)
@@ -152,11 +154,11 @@ def _draw_camera(drawing: Drawing, at: FloatArray, direction: FloatArray, half: 
 
 def _draw_names(drawing: Drawing, placed: list[tuple[FloatArray, Place]]) -> None:
     """Dots and names of all; names that would cover another one are left out where there are many points."""
-    taken: list[tuple[float, float, float]] = []
+    taken = [(at[0] - 5, at[0] + 5, at[1] + 4) for at, _ in placed]
     many = sum(place.sight is None for _, place in placed) > MANY_POINTS
     for at, place in placed:
         colour = VERMILION if place.sight is not None else GREY if place.static else BLUE
-        drawing.dot(*at, 4 if place.sight is not None else 3, colour, filled=not place.static)
+        drawing.dot(at, 4 if place.sight is not None else 3, colour, filled=not place.static)
         text = shorten(place.name, 150)
         width = 0.56 * 10.5 * len(text)
         late = at[0] > WIDTH - _ROOM - width

@@ -48,21 +48,26 @@ _FRAME: Mapping[str, tuple[str, str]] = {
     "flagged": ("{check} ({outcome}): {meaning}", "{check} ({outcome}): {meaning}"),
     "limits head": ("The results hold within these limits:", "Die Ergebnisse gelten in diesen Grenzen:"),
     "limit time": (
-        "{seconds} s were measured, in {frames} frames at {rate} frames a second; oscillations above {highest} Hz cannot "
+        "{seconds} s were measured, in {frames} frames at {rate} frames a second; oscillations above {highest} Hz "
+        "cannot "
         "be seen, and nothing is said of other times.",
         "Gemessen wurden {seconds} s in {frames} Bildern mit {rate} Bildern je Sekunde; Schwingungen über {highest} Hz "
         "sind nicht erkennbar, und über andere Zeiten ist nichts gesagt.",
     ),
     "limit noise": (
-        "Oscillations with amplitudes below {most} (of the worst point and axis) may be noise. Of motion within the noise, "
+        "Oscillations with amplitudes below {most} (of the worst point and axis) may be noise. Of motion within the "
+        "noise, "
         "peak-to-peak and RMS show the noise.",
-        "Schwingungen mit Amplituden unter {most} (ungünstigster Punkt und Achse) können Rauschen sein. Bei Bewegungen im "
+        "Schwingungen mit Amplituden unter {most} (ungünstigster Punkt und Achse) können Rauschen sein. Bei "
+        "Bewegungen im "
         "Rauschen zeigen Schwingweite und Effektivwert das Rauschen.",
     ),
     "limit scale": (
-        "All displacements may be too large or too small by one common factor; it is known to {percent} (k = 2, {axis} of "
+        "All displacements may be too large or too small by one common factor; it is known to {percent} (k = 2, "
+        "{axis} of "
         "{point}, the worst).",
-        "Alle Verschiebungen können um einen gemeinsamen Faktor zu groß oder zu klein sein; er ist auf {percent} bekannt "
+        "Alle Verschiebungen können um einen gemeinsamen Faktor zu groß oder zu klein sein; er ist auf {percent} "
+        "bekannt "
         "(k = 2, {axis} von {point}, ungünstigster Fall).",
     ),
     "limit sgr": (
@@ -71,7 +76,8 @@ _FRAME: Mapping[str, tuple[str, str]] = {
     ),
     "limit one view": (
         "One camera shows motion across its line of sight only; motion towards it is not seen and appears as an error.",
-        "Eine Kamera zeigt nur Bewegung quer zur Blickrichtung; Bewegung auf sie zu wird nicht gesehen und erscheint als "
+        "Eine Kamera zeigt nur Bewegung quer zur Blickrichtung; Bewegung auf sie zu wird nicht gesehen und "
+        "erscheint als "
         "Fehler.",
     ),
     "limit no axes": (
@@ -137,7 +143,8 @@ _FRAME: Mapping[str, tuple[str, str]] = {
     "figure photo": (
         "View {view}: first frame, with the points, the squares that are compared at their true size (white: static "
         "points), and the positive directions of the axes.",
-        "Ansicht {view}: erstes Bild mit den Punkten, den verglichenen Bildausschnitten in wahrer Größe (weiß: Festpunkte) "
+        "Ansicht {view}: erstes Bild mit den Punkten, den verglichenen Bildausschnitten in wahrer Größe (weiß: "
+        "Festpunkte) "
         "und den positiven Achsrichtungen.",
     ),
     "figure photo kept": (
@@ -168,7 +175,8 @@ _FRAME: Mapping[str, tuple[str, str]] = {
     "how to hash": (
         "To compute them again: the file's with `sha256sum {file}` in the run folder; the session's, which does not "
         "depend on spelling, folder and the table [report], from the session file that was measured with:",
-        "Nachrechnen: den der Datei mit `sha256sum {file}` im Ergebnisordner; den der Session, der nicht von Schreibweise, "
+        "Nachrechnen: den der Datei mit `sha256sum {file}` im Ergebnisordner; den der Session, der nicht von "
+        "Schreibweise, "
         "Ordner und der Tabelle [report] abhängt, aus der gemessenen Sessiondatei mit:",
     ),
     "table files": (

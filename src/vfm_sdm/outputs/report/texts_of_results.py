@@ -8,15 +8,20 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     # Results.
     "title results": ("Results", "Ergebnisse"),
     "results head": (
-        "Each value stands with its expanded uncertainty (k = 2, about 95 %). Only samples with status ok count; zero is "
+        "Each value stands with its expanded uncertainty (k = 2, about 95 %). Only samples with status ok count; "
+        "zero is "
         "the origin named above. An asterisk marks points that must not move.",
-        "Jeder Wert steht mit seiner erweiterten Unsicherheit (k = 2, etwa 95 %). Nur Werte mit Status ok zählen; null ist "
+        "Jeder Wert steht mit seiner erweiterten Unsicherheit (k = 2, etwa 95 %). Nur Werte mit Status ok zählen; "
+        "null ist "
         "der oben genannte Ursprung. Ein Stern kennzeichnet Punkte, die sich nicht bewegen dürfen.",
     ),
     "table results": (
-        "Displacement in mm; times in s from the first frame of the reference view. Shift: mean over the last {length} s "
-        "less the mean over the first {length} s. Frequency: of the strongest oscillation that stands clear of the noise.",
-        "Verschiebung in mm; Zeiten in s ab dem ersten Bild der Referenzansicht. Verlagerung: Mittel der letzten {length} s "
+        "Displacement in mm; times in s from the first frame of the reference view. Shift: mean over the last "
+        "{length} s "
+        "less the mean over the first {length} s. Frequency: of the strongest oscillation that stands clear of the "
+        "noise.",
+        "Verschiebung in mm; Zeiten in s ab dem ersten Bild der Referenzansicht. Verlagerung: Mittel der letzten "
+        "{length} s "
         "minus Mittel der ersten {length} s. Frequenz: der stärksten Schwingung, die sich klar vom Rauschen abhebt.",
     ),
     "axis": ("axis", "Achse"),
@@ -28,9 +33,11 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     "shift": ("shift [mm]", "Verlagerung [mm]"),
     "dominant": ("frequency [Hz]", "Frequenz [Hz]"),
     "table quality": (
-        "Quality by point. Noise: standard deviation of one sample (median). Limit: smallest amplitude of an oscillation "
+        "Quality by point. Noise: standard deviation of one sample (median). Limit: smallest amplitude of an "
+        "oscillation "
         "that is told from noise over the recording. Scale: expanded relative uncertainty (k = 2).",
-        "Güte je Punkt. Rauschen: Standardabweichung eines Werts (Median). Grenze: kleinste Amplitude einer Schwingung, die "
+        "Güte je Punkt. Rauschen: Standardabweichung eines Werts (Median). Grenze: kleinste Amplitude einer "
+        "Schwingung, die "
         "über die Aufnahme vom Rauschen zu unterscheiden ist. Maßstab: erweiterte relative Unsicherheit (k = 2).",
     ),
     "valid": ("valid [%]", "gültig [%]"),
@@ -40,11 +47,13 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     # Histories.
     "title histories": ("Time histories and spectra", "Zeitverläufe und Spektren"),
     "histories head": (
-        "Left: displacement with its expanded uncertainty (band, k = 2), drawn from the lowest and highest value in each "
+        "Left: displacement with its expanded uncertainty (band, k = 2), drawn from the lowest and highest value in "
+        "each "
         "column; gaps are samples without a trusted value. Right: amplitude in mm by frequency, with the dominant "
         "frequency dashed.",
         "Links: Verschiebung mit erweiterter Unsicherheit (Band, k = 2), gezeichnet aus kleinstem und größtem Wert je "
-        "Bildspalte; Lücken sind Werte ohne Vertrauen. Rechts: Amplitude in mm über der Frequenz, die dominante Frequenz "
+        "Bildspalte; Lücken sind Werte ohne Vertrauen. Rechts: Amplitude in mm über der Frequenz, die dominante "
+        "Frequenz "
         "gestrichelt.",
     ),
     "figure history": ("{point}", "{point}"),
@@ -70,17 +79,22 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     "figure overview": (
         "{axis}: histories about their means, all to one scale (left), and amplitudes by frequency, all to one scale "
         "(right).",
-        "{axis}: Zeitverläufe um ihre Mittelwerte, alle in einem Maßstab (links), und Amplituden über der Frequenz, alle in "
+        "{axis}: Zeitverläufe um ihre Mittelwerte, alle in einem Maßstab (links), und Amplituden über der Frequenz, "
+        "alle in "
         "einem Maßstab (rechts).",
     ),
     # Budget.
     "title budget": ("Uncertainty budget", "Unsicherheitsbudget"),
     "budget head": (
-        "After the GUM (JCGM 100:2008), for the point that moves most: components as root mean square over time (k = 1); "
-        "value times sensitivity is the contribution. All but the random part are systematic: they do not average out over "
+        "After the GUM (JCGM 100:2008), for the point that moves most: components as root mean square over time (k "
+        "= 1); "
+        "value times sensitivity is the contribution. All but the random part are systematic: they do not average "
+        "out over "
         "a series.",
-        "Nach GUM (JCGM 100:2008), für den Punkt mit der größten Bewegung: Anteile als quadratische Mittel über die Zeit "
-        "(k = 1); Wert mal Empfindlichkeit ist der Beitrag. Alle außer dem zufälligen Anteil sind systematisch: Sie mitteln "
+        "Nach GUM (JCGM 100:2008), für den Punkt mit der größten Bewegung: Anteile als quadratische Mittel über die "
+        "Zeit "
+        "(k = 1); Wert mal Empfindlichkeit ist der Beitrag. Alle außer dem zufälligen Anteil sind systematisch: Sie "
+        "mitteln "
         "sich über eine Reihe nicht heraus.",
     ),
     "no budget": (
@@ -102,9 +116,11 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
         "(k = 2).",
     ),
     "table scale": (
-        "What the scale rests on ({axis} of {point}, which knows it least: {percent}, k = 2): sources with their stated "
+        "What the scale rests on ({axis} of {point}, which knows it least: {percent}, k = 2): sources with their "
+        "stated "
         "values, and what each adds to its uncertainty (k = 1).",
-        "Worauf der Maßstab beruht ({axis} von {point}, wo er am wenigsten bekannt ist: {percent}, k = 2): Quellen mit ihren "
+        "Worauf der Maßstab beruht ({axis} von {point}, wo er am wenigsten bekannt ist: {percent}, k = 2): Quellen "
+        "mit ihren "
         "Angaben und ihr Beitrag zur Unsicherheit (k = 1).",
     ),
     "stated value": ("value", "Wert"),
@@ -141,10 +157,13 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     "comparison head": ("Compared with: {reference}.", "Verglichen mit: {reference}."),
     "comparison band": ("Both were filtered to {low} to {high} Hz.", "Beide wurden auf {low} bis {high} Hz gefiltert."),
     "table comparison": (
-        "NRMSE: root mean square error over the range of the reference. RPPAE: error of the peak-to-peak over that of the "
+        "NRMSE: root mean square error over the range of the reference. RPPAE: error of the peak-to-peak over that "
+        "of the "
         "reference. Coverage: share of samples whose stated interval, nominally 95 %, holds the reference.",
-        "NRMSE: quadratischer Mittelwert des Fehlers über der Spannweite der Referenz. RPPAE: Fehler der Schwingweite über "
-        "der der Referenz. Deckung: Anteil der Werte, deren angegebenes Intervall (nominell 95 %) die Referenz enthält.",
+        "NRMSE: quadratischer Mittelwert des Fehlers über der Spannweite der Referenz. RPPAE: Fehler der "
+        "Schwingweite über "
+        "der der Referenz. Deckung: Anteil der Werte, deren angegebenes Intervall (nominell 95 %) die Referenz "
+        "enthält.",
     ),
     "p2p here": ("peak-to-peak [mm]", "Schwingweite [mm]"),
     "p2p reference": ("reference [mm]", "Referenz [mm]"),

@@ -18,13 +18,16 @@ _CHECKS: Mapping[str, tuple[str, str, str]] = {
     "scale": (
         "Maßstab",
         "the scale is not known well enough, or nothing checks the lenses it rests on; measure what is named below.",
-        "Der Maßstab ist nicht gut genug bekannt, oder nichts prüft die Objektive, auf denen er beruht; das unten Genannte "
+        "Der Maßstab ist nicht gut genug bekannt, oder nichts prüft die Objektive, auf denen er beruht; das unten "
+        "Genannte "
         "messen.",
     ),
     "epipolar error": (
         "Epipolarfehler",
-        "the views do not see the same point; place it by hand in the other view (pixel_in), and check the order of views.",
-        "Die Ansichten sehen nicht denselben Punkt; ihn in der anderen Ansicht von Hand setzen (pixel_in) und die Reihenfolge "
+        "the views do not see the same point; place it by hand in the other view (pixel_in), and check the order of "
+        "views.",
+        "Die Ansichten sehen nicht denselben Punkt; ihn in der anderen Ansicht von Hand setzen (pixel_in) und die "
+        "Reihenfolge "
         "der Ansichten prüfen.",
     ),
     "epipolar error in motion": (
@@ -60,7 +63,8 @@ _CHECKS: Mapping[str, tuple[str, str, str]] = {
     "frozen tracks": (
         "Eingefrorene Spuren",
         "a track stands still while its point moves; look for repeated frames or dirt on the lens.",
-        "Eine Spur steht, während sich der Punkt bewegt; nach wiederholten Bildern oder Schmutz auf dem Objektiv suchen.",
+        "Eine Spur steht, während sich der Punkt bewegt; nach wiederholten Bildern oder Schmutz auf dem Objektiv "
+        "suchen.",
     ),
     "slipping tracks": (
         "Rutschende Spuren",
@@ -179,8 +183,10 @@ _OTHERS: Mapping[str, tuple[str, str]] = {
         "Verschiebungen beziehen sich auf das Mittel über das Ruheintervall.",
     ),
     "relative first valid sample": (
-        "Displacement is relative to the first trusted sample of each point; a load that stood there before is not seen.",
-        "Verschiebungen beziehen sich auf den ersten gültigen Wert jedes Punkts; eine Last, die vorher da war, wird nicht "
+        "Displacement is relative to the first trusted sample of each point; a load that stood there before is not "
+        "seen.",
+        "Verschiebungen beziehen sich auf den ersten gültigen Wert jedes Punkts; eine Last, die vorher da war, wird "
+        "nicht "
         "gesehen.",
     ),
     "verdict fit to use": ("Fit to use.", "Verwendbar."),

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from vfm_sdm.core.datasets import trusted_values
-from vfm_sdm.outputs.report.content import Block, Cell, Paragraph, Section, Table
+from vfm_sdm.outputs.report.content import Block, Cell, Paragraph, Section, Table, Tone
 from vfm_sdm.outputs.report.inputs import ReportInputs
-from vfm_sdm.outputs.report.language import UNKNOWN, Language
+from vfm_sdm.outputs.report.language import UNKNOWN, Language, count_decimals
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
 __all__ = ["describe_budget"]
@@ -15,7 +15,10 @@ __all__ = ["describe_budget"]
 _OF_PIXELS = ("random", "origin")
 """Components that come from pixels by the sensitivity of displacement to them."""
 _TYPE_A = ("random", "origin")
-"""Components that were evaluated by statistics of the recording itself; the others are of type B."""
+_SOURCES_OF_TYPE_A = ("matches", "places of the points")
+"""Components, and sources of the scale, that were evaluated by statistics of the pictures; the others are of type B."""
+_MOST_DECIMALS = 4
+"""Decimals of millimetres and per cent: a tenth of a micrometre."""
 
 
 def describe_budget(inputs: ReportInputs, language: Language) -> Section | None:
@@ -64,16 +67,17 @@ def _tabulate_one(inputs: ReportInputs, of: tuple[str, str], motion_mm: float, l
         (
             Cell(language.word("component", name)),
             *_list_source(inputs, of, (name, contribution), motion_mm, language),
-            language.digits(contribution, 3),
+            _shorten(contribution, 3, language),
         )
         for name, contribution in (of_axis.summary["budget_mm"] or {}).items()
     ]
     empty = (Cell(""),) * 3
-    rows.append((Cell(language.say("combined")), *empty, language.digits(of_axis.combined_mm, 3)))
-    rows.append((Cell(language.say("expanded")), *empty, language.digits(COVERAGE_FACTOR * of_axis.combined_mm, 3)))
+    rows.append((Cell(language.say("combined")), *empty, _shorten(of_axis.combined_mm, 3, language)))
+    rows.append((Cell(language.say("expanded")), *empty, _shorten(COVERAGE_FACTOR * of_axis.combined_mm, 3, language)))
     columns = ("source", "value", "distribution", "sensitivity", "contribution")
     caption = language.say("table budget", point=point, axis=language.word("axis", axis))
-    tones = ("",) * (len(rows) - 2) + ("strong",) * 2
+    plain: list[Tone] = [""] * (len(rows) - 2)
+    tones: tuple[Tone, ...] = (*plain, "strong", "strong")
     return Table(caption, tuple(map(language.say, columns)), tuple(rows), tones=tones)
 
 
@@ -114,9 +118,9 @@ def _tabulate_all(inputs: ReportInputs, language: Language) -> Table:
         (
             Cell(point),
             Cell(language.word("axis", axis)),
-            *(language.digits((of_axis.summary["budget_mm"] or {}).get(name), 2) for name in components),
-            language.digits(of_axis.combined_mm, 2),
-            language.digits(COVERAGE_FACTOR * of_axis.combined_mm, 2),
+            *(_shorten((of_axis.summary["budget_mm"] or {}).get(name), 2, language) for name in components),
+            _shorten(of_axis.combined_mm, 2, language),
+            _shorten(COVERAGE_FACTOR * of_axis.combined_mm, 2, language),
         )
         for (point, axis), of_axis in inputs.series.items()
     )
@@ -138,13 +142,13 @@ def _describe_scale(inputs: ReportInputs, language: Language) -> Iterator[Block]
         value = std = sensitivity = Cell(UNKNOWN)
         if one is not None and one["prior_std"]:
             units = "" if one["units"] == "1" else one["units"]
-            value = language.digits(one["prior"], 5, units)
-            std = language.digits(one["prior_std"], 2, units)
+            decimals = count_decimals(one["prior_std"], 2)
+            value, std = (language.cell(one[name], decimals, units) for name in ("prior", "prior_std"))
             sensitivity = language.digits(part / one["prior_std"], 2, f"%/{units}" if units else "%")
         words = Cell(_say_source(source, language))
-        distribution = Cell(language.say("normal b" if one is not None else "normal a"))
+        distribution = Cell(language.say("normal a" if source in _SOURCES_OF_TYPE_A else "normal b"))
         rows.append(
-            (words, value, std, distribution, sensitivity, language.digits(part, 2), language.digits(100 * share, 2))
+            (words, value, std, distribution, sensitivity, _shorten(part, 2, language), language.cell(100 * share, 2))
         )
     columns = ("source", "stated value", "stated std", "distribution", "sensitivity", "contribution percent", "share")
     caption = language.say(
@@ -164,3 +168,8 @@ def _say_source(source: str, language: Language) -> str:
         if (said := language.word("source", head)) != head or length == 1:
             return f"{said} {tail}".strip()
     return source
+
+
+def _shorten(value: float | None, digits: int, language: Language) -> Cell:
+    """A contribution with so many digits, and no more decimals than make sense."""
+    return language.cell(value, min(count_decimals(value, digits), _MOST_DECIMALS))

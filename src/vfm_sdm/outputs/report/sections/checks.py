@@ -65,8 +65,8 @@ def _explain(check: Mapping[str, Any], language: Language) -> Iterator[Block]:
     name = language.word("check", check["name"])
     outcome = language.word("outcome", check["outcome"])
     todo = language.word("todo", check["name"])
-    advice = "" if todo == check["name"] else f" {todo}"
-    yield Paragraph(f"{name} ({outcome}).{advice}", TONES.get(check["outcome"], ""))
+    advice = "" if todo == check["name"] else f": {todo}"
+    yield Paragraph(f"{name} ({outcome}){advice}", TONES.get(check["outcome"], ""))
     yield Paragraph(str(check["sentence"]), "quiet", foreign=language.code != "en")
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from vfm_sdm.core.datasets import Status
-from vfm_sdm.outputs.report.content import Block, Cell, Figure, Paragraph, Section, Table
+from vfm_sdm.outputs.report.content import Block, Cell, Figure, Paragraph, Section, Table, Tone
 from vfm_sdm.outputs.report.histories import draw_overview, draw_point, draw_spans, overview_pages
 from vfm_sdm.outputs.report.inputs import MANY_POINTS, ReportInputs
 from vfm_sdm.outputs.report.language import UNKNOWN, Language, count_decimals
@@ -29,7 +29,9 @@ def describe_results(inputs: ReportInputs, language: Language) -> Section:
     )
     length = language.write(level_length_s(inputs.displacement["time"].values), 1)
     columns = ("point", "axis", "p2p", "highest", "at", "lowest", "at", "rms", "shift", "dominant")
-    tones = tuple("quiet" if point in inputs.static else "" for point in inputs.point_names for _ in inputs.axis_names)
+    tones: tuple[Tone, ...] = tuple(
+        "quiet" if point in inputs.static else "" for point in inputs.point_names for _ in inputs.axis_names
+    )
     table = Table(
         language.say("table results", length=length), tuple(map(language.say, columns)), rows, words=2, tones=tones
     )
