@@ -214,11 +214,12 @@ class Panel:
         x_numbers
             Whether the lower scale has numbers.
         y_ticks
-            About how many numbers stand at the left.
+            About how many numbers stand at the left, if any.
         """
         left, top, right, bottom = self.box
         draw = self.drawing
-        xs, ys = nice_ticks(*self.x_range, about=max(int((right - left) / 70), 2)), nice_ticks(*self.y_range, y_ticks)
+        xs = nice_ticks(*self.x_range, about=max(int((right - left) / 70), 2))
+        ys = nice_ticks(*self.y_range, y_ticks) if y_ticks else []
         for ticks, upright in ((xs, True), (ys, False)):
             decimals = count_decimals(ticks[1] - ticks[0], 1) if len(ticks) > 1 else 1
             for value in ticks:

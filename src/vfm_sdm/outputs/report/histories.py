@@ -109,8 +109,8 @@ def draw_overview(inputs: ReportInputs, axis: str, points: tuple[str, ...], lang
     drawing = Drawing(height, language.say("figure overview label", axis=language.word("axis", axis)))
     chosen = [inputs.series[point, axis] for point in points]
     spans = [_half_span(one.curve.lowest, one.curve.highest) for one in chosen]
-    # The liveliest reaches over the lines above and below it; the others are drawn to the same scale.
-    scale = 1.1 * _ROW / max(max(spans, default=0.0), 1e-9)
+    # The liveliest touches the lines above and below it; the others are drawn to the same scale.
+    scale = 0.5 * _ROW / max(max(spans, default=0.0), 1e-9)
     top, bottom = _TOP + 14.0, height - _BOTTOM
     times = span_of([one.curve.time_s for one in chosen], margin=0.0)
     hertz = max((float(one.spectrum[0][-1]) for one in chosen if one.spectrum[0].size), default=1.0)
@@ -127,7 +127,7 @@ def draw_overview(inputs: ReportInputs, axis: str, points: tuple[str, ...], lang
         middle = _middle(one.curve.lowest, one.curve.highest)
         _draw_line(histories, (one.curve.time_s, one.curve.lowest, one.curve.highest), (y, scale, middle), colour)
         frequency_hz, amplitude = one.spectrum
-        _draw_line(spectra, (frequency_hz, amplitude, amplitude), (y, 1.6 * _ROW / tallest, 0.0), colour)
+        _draw_line(spectra, (frequency_hz, amplitude, amplitude), (y + 0.4 * _ROW, 0.9 * _ROW / tallest, 0.0), colour)
     _draw_scale(drawing, scale, language)
     return drawing.svg()
 
@@ -178,8 +178,8 @@ def _thin(x: FloatArray, lowest: FloatArray, highest: FloatArray) -> tuple[Float
 
 def _draw_scale(drawing: Drawing, scale: float, language: Language) -> None:
     """A bar of a round length in mm, above the histories."""
-    length_mm = 10.0 ** np.floor(np.log10(14.0 / scale))
-    length_mm *= next(factor for factor in (5, 2, 1) if factor * length_mm * scale <= 16.0)
+    length_mm = 10.0 ** np.floor(np.log10(_ROW / scale))
+    length_mm *= next(factor for factor in (5, 2, 1) if factor * length_mm * scale <= _ROW)
     x, y = _NAMES + 6, _TOP + 12.0
     drawing.line([[x, y], [x, y - length_mm * scale]], "#222222", width=2)
     drawing.text(x + 6, y - 2, language.digits(length_mm, 1, "mm").text, size=10)

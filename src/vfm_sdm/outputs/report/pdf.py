@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from vfm_sdm.errors import BackendUnavailableError, ResultsError
-from vfm_sdm.outputs.report.content import Block, Content, Figure
+from vfm_sdm.outputs.report.content import Block, Content, Figure, Table
 from vfm_sdm.outputs.report.language import find_language
 
 __all__ = ["check_typst", "to_pdf"]
@@ -83,8 +83,12 @@ def to_pdf(content: Content) -> bytes:
 def _describe(block: Block) -> dict[str, Any]:
     """Fields of a block as plain tables."""
     fields = {"kind": block.kind, **asdict(block)}
-    if "rows" in fields and block.kind == "table":
-        fields["rows"] = [[cell["text"] for cell in row] for row in fields["rows"]]
+    if isinstance(block, Table):
+        rows = [[cell["text"] for cell in row] for row in fields["rows"]]
+        # Columns of numbers share their room by the longest cell, or word at the head, of each.
+        heads = [max(map(len, name.split()), default=1) for name in block.columns]
+        longest = [max([head, *(len(row[n]) for row in rows)]) for n, head in enumerate(heads)]
+        fields |= {"rows": rows, "weights": longest}
     elif "rows" in fields:
         fields["rows"] = [[name, cell["text"]] for name, cell in fields["rows"]]
     return fields

@@ -29,15 +29,15 @@ class Place:
     position
         Its place along the axes of the displacement, from the reference camera, shape (3,) [m].
     sight
-        Unit vector of a camera's optical axis, shape (3,), and half its horizontal field of view [rad]; ``None`` of
-        points.
+        Unit vector of a camera's optical axis, shape (3,), and half its horizontal and vertical field, shape (2,)
+        [rad]; ``None`` of points.
     static
         Whether it is a point that must not move.
     """
 
     name: str
     position: FloatArray
-    sight: tuple[FloatArray, float] | None = None
+    sight: tuple[FloatArray, FloatArray] | None = None
     static: bool = False
 
 
@@ -71,7 +71,7 @@ def site_places(inputs: ReportInputs) -> list[Place]:
     rotation = np.eye(3) if frame is None else frame.rotation
     places = []
     for name, camera in zip(rig.names, rig.cameras, strict=True):
-        half = float(np.arctan(camera.image_size[0] / 2 / camera.K[0, 0]))
+        half = np.arctan(np.array(camera.image_size) / 2 / np.diag(camera.K)[:2])
         places.append(Place(name, rotation @ camera.center, (rotation @ camera.rotation[2], half)))
     for name, position in zip(inputs.point_names, point_positions(inputs), strict=True):
         if np.isfinite(position).all():
@@ -122,8 +122,9 @@ def draw_site(inputs: ReportInputs, places: list[Place], view: str, language: La
     for f, place in zip(flat, places, strict=True):
         if place.sight is not None:
             direction, half = place.sight
+            seen = np.array([direction[right], -sign * direction[up]]), float(half[0 if view == "plan" else 1])
             away = np.linalg.norm(np.array(points) - at(f), axis=1).max(initial=60.0)
-            _draw_camera(drawing, at(f), (np.array([direction[right], -sign * direction[up]]), half), float(away))
+            _draw_camera(drawing, at(f), seen, float(away))
     _draw_names(drawing, [(at(f), p) for f, p in zip(flat, places, strict=True)])
     _draw_axes(drawing, height, [(axes[right], right, (1.0, 0.0)), (axes[up], up, (0.0, -sign))], language)
     _draw_ruler(drawing, height, scale, language)

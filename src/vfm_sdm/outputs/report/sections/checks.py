@@ -35,10 +35,17 @@ def describe_audit(inputs: ReportInputs, language: Language) -> Section:
     tones = tuple(TONES.get(check["outcome"], "") for check in audit["checks"])
     columns = tuple(language.say(name) for name in ("check", "outcome", "where", "found", "limit"))
     blocks: list[Block] = [Table(language.say("table audit"), columns, rows, words=3, tones=tones)]
-    for wanted in (Outcome.FAIL, Outcome.CAUTION, Outcome.NOT_POSSIBLE):
+    for wanted in (Outcome.FAIL, Outcome.CAUTION):
         for check in audit["checks"]:
             if check["outcome"] == wanted:
                 blocks += list(_explain(check, language))
+    unchecked = tuple(
+        f"{language.word('check', check['name'])}: {check['sentence']}"
+        for check in audit["checks"]
+        if check["outcome"] == Outcome.NOT_POSSIBLE
+    )
+    if unchecked:
+        blocks += [Paragraph(language.say("not checked")), Listed(unchecked, foreign=language.code != "en")]
     blocks += list(_advise(inputs, language))
     if audit.get("intervals"):
         blocks.append(_tabulate_intervals(audit["intervals"], language))
