@@ -4,7 +4,6 @@ from importlib.resources import files
 from typing import Final
 
 from jinja2 import DictLoader, Environment, StrictUndefined
-from markupsafe import Markup
 
 from vfm_sdm.outputs.report.content import Content
 from vfm_sdm.outputs.report.language import find_language
@@ -38,5 +37,4 @@ def to_html(content: Content) -> str:
         lstrip_blocks=True,
     )
     language = find_language(content.language)
-    # Drawings are the only markup that comes from elsewhere; their own text was escaped as they were drawn.
-    return environment.get_template(_TEMPLATE).render(content=content, say=language.say, markup=Markup) + "\n"
+    return environment.get_template(_TEMPLATE).render(content=content, say=language.say) + "\n"

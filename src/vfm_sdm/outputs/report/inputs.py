@@ -24,7 +24,7 @@ __all__ = ["MANY_POINTS", "ReportInputs", "check_modes", "open_run"]
 
 MANY_POINTS = 20
 """Points up to which each has a figure of its own."""
-_LONG_BYTES = 1 << 27
+_LONG_BYTES = 1 << 25
 """Size of a file of displacement from which on it is read series by series."""
 _TABLES = ("points", "audit", "cameras", "versions", "seconds", "input_hashes")
 """Entries of ``summary.json`` without which a folder holds no run."""
