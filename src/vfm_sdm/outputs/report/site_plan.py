@@ -10,10 +10,12 @@ from vfm_sdm.outputs.report.drawing import WIDTH, Drawing, nice_ticks, shorten
 from vfm_sdm.outputs.report.inputs import MANY_POINTS, ReportInputs
 from vfm_sdm.outputs.report.language import Language, count_decimals
 
-__all__ = ["Place", "draw_site", "point_positions", "site_places"]
+__all__ = ["Place", "draw_site", "lay_flat", "point_positions", "site_places"]
 
 _MARGIN, _ROOM = 26.0, 70.0
 _TALLEST = 330.0
+_STRIP = 56.0
+"""Height below a drawing, for axes and ruler."""
 _FLATTEST = 90.0
 """Height of a drawing at least, also where all lies on one level."""
 
@@ -89,46 +91,60 @@ def draw_site(inputs: ReportInputs, places: list[Place], view: str, language: La
     places
         Cameras and points.
     view
-        ``plan``: the third axis to the right, the first one up; ``elevation``: the third axis to the right, the second
-        one down. Of the axes of a camera the first one lies to the right.
+        ``plan`` or ``elevation``, see `lay_flat`.
     language
         Language of the texts.
-
-    Notes
-    -----
-    Without the structure's axes, right, down and forward of the reference camera take their places.
     """
     axes = inputs.axis_names
-    of_structure = "longitudinal" in axes
-    if of_structure:
-        right, up, sign = (2, 0, 1.0) if view == "plan" else (2, 1, -1.0)
-    else:
-        right, up, sign = (0, 2, 1.0) if view == "plan" else (0, 1, -1.0)
-    flat = np.array([[p.position[right], sign * p.position[up]] for p in places])
+    sheet = lay_flat(axes, view)
+    flat = np.array([sheet @ place.position for place in places])
     low, high = flat.min(axis=0), flat.max(axis=0)
     size = np.maximum(high - low, 1e-3)
     scale = min((WIDTH - 2 * _ROOM) / size[0], (_TALLEST - 2 * _MARGIN) / size[1])
-    height = max(float(size[1] * scale), _FLATTEST) + 2 * _MARGIN + 20
-    middle = (low + high) / 2
+    height = max(float(size[1] * scale), _FLATTEST) + 2 * _MARGIN + _STRIP
     drawing = Drawing(height, language.say(f"figure {view} label"))
-
-    def at(position: FloatArray) -> FloatArray:
-        """Place of a position (2,) in the drawing."""
-        return np.asarray(np.array([WIDTH / 2, (height - 20) / 2]) + (position - middle) * [scale, -scale])
-
-    points = [at(f) for f, p in zip(flat, places, strict=True) if p.sight is None and not p.static]
-    if view == "plan" and of_structure and len(points) > 1:
-        _draw_face(drawing, np.stack(points))
-    for f, place in zip(flat, places, strict=True):
+    # Upwards on the site is downwards in a drawing.
+    at = np.array([WIDTH / 2, (height - _STRIP) / 2]) + (flat - (low + high) / 2) * [scale, -scale]
+    on_face = np.array([place.sight is None and not place.static for place in places])
+    if view == "plan" and "longitudinal" in axes and np.count_nonzero(on_face) > 1:
+        _draw_face(drawing, at[on_face])
+    for here, place in zip(at, places, strict=True):
         if place.sight is not None:
             direction, half = place.sight
-            seen = np.array([direction[right], -sign * direction[up]]), float(half[0 if view == "plan" else 1])
-            away = np.linalg.norm(np.array(points) - at(f), axis=1).max(initial=60.0)
-            _draw_camera(drawing, at(f), seen, float(away))
-    _draw_names(drawing, [(at(f), p) for f, p in zip(flat, places, strict=True)])
-    _draw_axes(drawing, height, [(axes[right], right, (1.0, 0.0)), (axes[up], up, (0.0, -sign))], language)
-    _draw_ruler(drawing, height, scale, language)
+            seen = (sheet @ direction) * [1.0, -1.0], float(half[0 if view == "plan" else 1])
+            away = np.linalg.norm(at[on_face] - here, axis=1).max(initial=60.0)
+            _draw_camera(drawing, here, seen, float(away))
+    _draw_names(drawing, list(zip(at, places, strict=True)))
+    _draw_axes(drawing, sheet * [[1.0], [-1.0]], axes, language)
+    _draw_ruler(drawing, scale, language)
     return drawing.svg()
+
+
+def lay_flat(axes: tuple[str, ...], view: str) -> FloatArray:
+    """Directions of the axes in a plan or an elevation: to the right, and upwards, shape (2, 3) [1].
+
+    Parameters
+    ----------
+    axes
+        Names of the axes.
+    view
+        ``plan``, as seen from above, or ``elevation``, as seen from the side of the cameras.
+
+    Notes
+    -----
+    The axes are right-handed and the second one points down: seen from above, with the first one upwards, the third one
+    points to the left. So it does for someone who looks along the first one. The axes of a camera are right, down and
+    forward.
+
+    Examples
+    --------
+    >>> lay_flat(("lateral", "vertical", "longitudinal"), "plan").tolist()
+    [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]
+    """
+    of_structure = "longitudinal" in axes
+    right = [0.0, 0.0, -1.0] if of_structure else [1.0, 0.0, 0.0]
+    away = [1.0, 0.0, 0.0] if of_structure else [0.0, 0.0, 1.0]
+    return np.array([right, away if view == "plan" else [0.0, -1.0, 0.0]])
 
 
 def _draw_face(drawing: Drawing, points: FloatArray) -> None:
@@ -174,25 +190,23 @@ def _draw_names(drawing: Drawing, placed: list[tuple[FloatArray, Place]]) -> Non
             drawing.text(x, y, text, anchor="end" if late else "start", size=10.5, halo="white")
 
 
-def _draw_axes(
-    drawing: Drawing, height: float, axes: list[tuple[str, int, tuple[float, float]]], language: Language
-) -> None:
-    """Arrows of two axes in their positive directions, at the lower left."""
-    corner = np.array([24.0, height - 40.0])
-    if any(direction[1] > 0 for _, _, direction in axes):
-        corner = np.array([24.0, height - 66.0])
-    for name, number, direction in axes:
-        end = corner + 30 * np.array(direction)
-        drawing.arrow(corner, end, AXIS_COLOURS[number])
-        label = language.word("axis", name)
-        x, y = (end[0] + 4, end[1] + 4) if direction[0] else (end[0] + 6, end[1] + (8 if direction[1] > 0 else 0))
-        drawing.text(x, y, label, size=10.5, colour=AXIS_COLOURS[number], halo="white")
+def _draw_axes(drawing: Drawing, sheet: FloatArray, axes: tuple[str, ...], language: Language) -> None:
+    """Arrows of the two axes of a sheet in their positive directions, at the lower left."""
+    along, across = (sheet[row, np.abs(sheet[row]).argmax()] for row in (0, 1))
+    corner = np.array([24.0 if along > 0 else 130.0, drawing.height - (50.0 if across > 0 else 14.0)])
+    for number in np.flatnonzero(np.abs(sheet).any(axis=0)):
+        direction, colour = sheet[:, number], AXIS_COLOURS[number]
+        end = corner + 30 * direction
+        drawing.arrow(corner, end, colour)
+        x, y = end + ([4 * direction[0], 4] if direction[0] else [6, 8 if direction[1] > 0 else 0])
+        label, anchor = language.word("axis", axes[number]), "end" if direction[0] < 0 else "start"
+        drawing.text(x, y, label, anchor=anchor, size=10.5, colour=colour, halo="white")
 
 
-def _draw_ruler(drawing: Drawing, height: float, scale: float, language: Language) -> None:
+def _draw_ruler(drawing: Drawing, scale: float, language: Language) -> None:
     """A bar of a round number of metres, at the lower right."""
     length_m = nice_ticks(0.0, 140.0 / scale, 1)[-1] or 1.0
-    right, y = WIDTH - 16.0, height - 10.0
+    right, y = WIDTH - 16.0, drawing.height - 10.0
     left = right - length_m * scale
     drawing.line([[left, y - 4], [left, y], [right, y], [right, y - 4]], "#222222", width=1.2)
     shown = f"{language.write(length_m, count_decimals(length_m, 1))} m"

@@ -14,7 +14,7 @@ from run_folders import write_run
 from vfm_sdm.inputs.session import Lens, Site, View
 from vfm_sdm.inputs.session.hashes import InputHashes
 from vfm_sdm.outputs.report import open_run, write_report
-from vfm_sdm.outputs.report.site_plan import site_places
+from vfm_sdm.outputs.report.site_plan import lay_flat, site_places
 
 SIZE = (3840, 2160)
 
@@ -87,6 +87,21 @@ def test_plan_shows_cameras_and_points_where_they_are(tmp_path):
     # The structure lies away from the camera, and both cameras look at it.
     assert places["p0"].position[0] > 2
     assert all(places[name].sight[0][0] > 0 for name in ("left", "right"))
+
+
+@pytest.mark.parametrize("view", ["plan", "elevation"])
+def test_drawings_are_no_mirror_images(tmp_path, view):
+    """The face is on the right of who looks along the camera, from above and from behind it."""
+    _, site = write_run(tmp_path)
+    axes = ("lateral", "vertical", "longitudinal")
+    sheet = lay_flat(axes, view) @ site.frame.rotation
+    camera = lay_flat(("right", "down", "forward"), view)
+    turned = sheet @ np.linalg.pinv(camera) if view == "plan" else sheet[:, :2] @ np.diag([1, -1])
+    # From the camera's own right and forward (or up) to the sheet: a rotation, and no reflection.
+    assert np.linalg.det(turned) > 0.1
+    if view == "plan":
+        sight, lateral = sheet @ [0, 0, 1], np.array([0.0, 1.0])
+        assert sight[0] * lateral[1] - sight[1] * lateral[0] < 0
 
 
 def test_without_distances_the_axes_are_the_cameras(tmp_path):
