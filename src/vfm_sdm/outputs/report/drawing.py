@@ -1,5 +1,6 @@
 """Drawings as SVG: lines, bands, texts, and panels with axes and grid; text is escaped, and numbers are short."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -17,6 +18,7 @@ WIDTH = 720.0
 """Width of all drawings; on paper a unit is a quarter of a millimetre."""
 _TEXT = 11.5
 _INK, _GRID = "#222222", "#d8d8d8"
+_NO_LETTERS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 _LETTER = 0.56
 """Width of a letter over its height, about."""
 
@@ -120,7 +122,7 @@ class Drawing:
         style = ' font-weight="bold"' if letters.get("bold") else ""
         turn = f' transform="rotate(-90 {_short(x)} {_short(y)})"' if letters.get("turned") else ""
         begin = f'<text x="{_short(x)}" y="{_short(y)}" font-size="{size:g}" text-anchor="{anchor}"{style}{turn}'
-        shown = escape(text)
+        shown = _escape(text)
         if halo:
             self._parts.append(f'{begin} fill="none" stroke="{halo}" stroke-width="3">{shown}</text>')
         self._parts.append(f'{begin} fill="{colour}">{shown}</text>')
@@ -163,7 +165,7 @@ class Drawing:
         """The element ``<svg>``."""
         return (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_short(self.width)} {_short(self.height)}"'
-            f' role="img" aria-label="{escape(self.label)}" font-family="Helvetica, Arial, sans-serif">'
+            f' role="img" aria-label="{_escape(self.label)}" font-family="Helvetica, Arial, sans-serif">'
             f"{''.join(self._parts)}</svg>"
         )
 
@@ -333,6 +335,11 @@ def span_of(values: Iterable[FloatArray], *, margin: float = 0.06) -> tuple[floa
     low, high = float(joined.min()), float(joined.max())
     room = margin * (high - low) if high > low else 0.5 * max(abs(high), 1.0)
     return low - room, high + room
+
+
+def _escape(text: str) -> str:
+    """A text as XML, which has no letters for some codes."""
+    return escape(_NO_LETTERS.sub("\ufffd", text))
 
 
 def _corners(points: npt.ArrayLike) -> str:

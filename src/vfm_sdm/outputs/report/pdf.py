@@ -52,32 +52,36 @@ def to_pdf(content: Content) -> bytes:
     ResultsError
         It could not set the report.
     """
-    typst, language = check_typst(), find_language(content.language)
-    with TemporaryDirectory(prefix="vfm-sdm-report-") as folder:
-        place = Path(folder)
-        sections: list[dict[str, Any]] = []
-        number = 0
-        for section in content.sections:
-            blocks = []
-            for block in section.blocks:
-                fields = _describe(block)
-                if isinstance(block, Figure):
-                    number += 1
-                    fields["svg"] = f"{number}.svg"
-                    (place / fields["svg"]).write_text(block.svg, encoding="utf-8")
-                blocks.append(fields)
-            sections.append({"title": section.title, "blocks": blocks})
-        words = {key: language.say(key) for key in ("page", "signature", "English", "contents")}
-        report = {**asdict(content), "sections": sections, "words": words}
-        (place / "report.json").write_text(json.dumps(report, ensure_ascii=False), encoding="utf-8")
-        template = (files("vfm_sdm.outputs.report") / "templates" / _TEMPLATE).read_text(encoding="utf-8")
-        (place / _TEMPLATE).write_text(template, encoding="utf-8")
-        try:
-            return bytes(typst.compile(str(place / _TEMPLATE), root=folder))
-        except RuntimeError as error:
-            raise ResultsError(
-                f"report as PDF: expected typst to set it, got: {error}; the HTML file can be printed"
-            ) from error
+    typst = check_typst()
+    try:
+        with TemporaryDirectory(prefix="vfm-sdm-report-") as folder:
+            template = _write_parts(Path(folder), content)
+            return bytes(typst.compile(str(template), root=folder))
+    except (RuntimeError, OSError) as error:
+        raise ResultsError(
+            f"report as PDF: expected typst to set it, got: {error}; the HTML file can be printed"
+        ) from error
+
+
+def _write_parts(folder: Path, content: Content) -> Path:
+    """Writes the template, the content as data, and all drawings; the path of the template."""
+    language, sections, number = find_language(content.language), list[dict[str, Any]](), 0
+    for section in content.sections:
+        blocks = []
+        for block in section.blocks:
+            fields = _describe(block)
+            if isinstance(block, Figure):
+                number += 1
+                fields["svg"] = f"{number}.svg"
+                (folder / fields["svg"]).write_text(block.svg, encoding="utf-8")
+            blocks.append(fields)
+        sections.append({"title": section.title, "blocks": blocks})
+    words = {key: language.say(key) for key in ("page", "signature")}
+    report = {**asdict(content), "sections": sections, "words": words}
+    (folder / "report.json").write_text(json.dumps(report, ensure_ascii=False), encoding="utf-8")
+    template = folder / _TEMPLATE
+    template.write_bytes((files("vfm_sdm.outputs.report") / "templates" / _TEMPLATE).read_bytes())
+    return template
 
 
 def _describe(block: Block) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from vfm_sdm.outputs.report.site_plan import point_positions
 
 __all__ = ["Photo", "draw_photo", "find_photos"]
 
-_ALL_BYTES = 1_600_000
+_ALL_BYTES = 1_100_000
 """Bytes of all pictures together before they are written as text; a report has to stay below 5 MB."""
 _WIDEST_PX = 1600
 _QUALITIES = (85, 75, 60, 45, 30)

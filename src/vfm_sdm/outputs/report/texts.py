@@ -12,7 +12,6 @@ __all__ = ["CATALOGUE"]
 
 _FRAME: Mapping[str, tuple[str, str]] = {
     "report title": ("Displacement measurement report", "Messbericht Verschiebungen"),
-    "report subtitle": ("{name}", "{name}"),
     "footer": (
         "{name} · session {hash} · vfm-sdm {version} · report of {day}",
         "{name} · Session {hash} · vfm-sdm {version} · Bericht vom {day}",
@@ -20,7 +19,6 @@ _FRAME: Mapping[str, tuple[str, str]] = {
     "contents": ("Contents", "Inhalt"),
     "page": ("Page", "Seite"),
     "signature": ("Place, date, signature", "Ort, Datum, Unterschrift"),
-    "English": ("", "im Wortlaut des Programms, englisch"),
     # Task.
     "title task": ("Task", "Auftrag"),
     "client": ("Client", "Auftraggeber"),

@@ -16,7 +16,7 @@ from vfm_sdm.inputs.session.hashes import InputHashes
 from vfm_sdm.outputs.report import open_run, write_report
 from vfm_sdm.outputs.report.site_plan import lay_flat, site_places
 
-SIZE = (3840, 2160)
+SIZE = (1920, 1080)
 
 
 @pytest.fixture
