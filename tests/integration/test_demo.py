@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 
+import html5lib
 import numpy as np
 import pytest
 
@@ -11,6 +12,8 @@ from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.core.statuses import Verdict
 from vfm_sdm.inputs.session import Lens, read_session
 from vfm_sdm.measurement import Measurement
+from vfm_sdm.outputs.report import write_report
+from vfm_sdm.outputs.results import read_summary
 from vfm_sdm.stages.cameras.file import read_rig
 from vfm_sdm.stages.lens.file import KnownLens, write_lens
 from vfm_sdm.studies.synthetic.field_test import make_demo
@@ -96,3 +99,13 @@ def test_lens_files_of_pan_clips_tell_the_scale_without_a_range(whole, tmp_path)
             one = measured.displacement.sel(point=point, axis=axis)
             gain = float(np.polyfit(moved, one["displacement"].values, 1)[0])
             assert abs(gain - 1) < 3 * float(one["scale_std"]) + 0.002
+
+
+def test_its_report_shows_both_first_frames_and_is_valid(demo):
+    text = write_report(demo.run_folder, language="de")[0].read_text(encoding="utf-8")
+    html5lib.HTMLParser(strict=True).parse(text)
+    assert text.count('href="data:image/jpeg;base64,') == 2
+    assert "Messbericht" in text
+    assert len(text) < 5_000_000
+    summary = read_summary(demo.run_folder)
+    assert summary["session_hash"] in text

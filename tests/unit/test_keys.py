@@ -3,7 +3,7 @@
 The table says who reads a field; what is made of a product that changed changes, too.
 """
 
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,7 @@ READERS = {
     "point.time_s": ("reference_frames", "points", "intervals", "audit"),
     "sensor": (),
     "baseline_visit": ("revisit",),
+    "report": (),
     "chessboard": ("cameras",),
     "method.tracker": ("expectation", "subsets", "tracks", "displacement", "intervals", "audit"),
     "method.cameras": ("cameras", "displacement", "intervals", "audit"),
@@ -124,6 +125,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
         ],
         sensor=[{"name": "acc", "file": "corners.csv", "point": "mid", "columns": {"time": "t"}, "units": "g"}],
         baseline_visit="visit",
+        report={"client": "city", "date": "2026-11-20"},
         chessboard={"pattern": [7, 5], "square_mm": 30.0, "images": {"left": "board.png"}},
         method={"still_interval_s": [0.0, 1.0], "matching": "sift"},
     )
@@ -199,6 +201,8 @@ def other(name: str, value: Any) -> Any:
         return value + 1
     if isinstance(value, str):
         return f"{value}x"
+    if isinstance(value, date):
+        return value + timedelta(days=1)
     if isinstance(value, Path):
         return value.with_name("other.toml")
     if isinstance(value, dict):

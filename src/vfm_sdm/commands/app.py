@@ -24,6 +24,7 @@ from vfm_sdm.commands.page import page_command
 from vfm_sdm.commands.planning import plan
 from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.commands.report import report
 from vfm_sdm.commands.watch import watch
 from vfm_sdm.core.registry import find
 from vfm_sdm.core.sensor_datasets import SensorUnits
@@ -50,6 +51,7 @@ app.command(batch_command, name="batch")
 app.command(page_command, name="page")
 app.command(accept)
 app.command(verify)
+app.command(report)
 app.command(lens)
 app.command(plan)
 app.command(points)

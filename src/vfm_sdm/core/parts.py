@@ -1,8 +1,8 @@
-"""Every interchangeable part of the package, one line each: trackers, camera estimators, matchers, writers, checks.
+"""Every interchangeable part of the package, one line each: trackers, cameras, matchers, writers, checks, sections.
 
 Parts are named by dotted strings, so that the layers below them can ask what a part needs without importing it. To add
-one, write its class (or, of writers and checks, its function) and its line here; another package announces its own
-through the entry-point group of the kind (`KINDS`), and says the same of it by attributes of the class.
+one, write its class (or, of writers, checks and sections, its function) and its line here; another package announces
+its own through the entry-point group of the kind (`KINDS`), and says the same of it by attributes of the class.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from vfm_sdm.errors import BackendUnavailableError, VfmSdmError
 
 __all__ = ["BUILT_IN", "KINDS", "Kind", "KindInfo", "Needs", "Part", "PartSettings", "Requirement"]
 
-Kind = Literal["trackers", "cameras", "matchers", "features", "writers", "checks"]
+Kind = Literal["trackers", "cameras", "matchers", "features", "writers", "checks", "sections"]
 
 Requirement = Literal["baseline", "camera files", "chessboard"]
 """Entry that a session must have for a camera estimator: ``site.baseline``, a ``camera`` file for every view, or the
@@ -56,6 +56,7 @@ KINDS: Mapping[Kind, KindInfo] = {
     "features": KindInfo("matching", "matchers of features", "vfm_sdm.features", "matching", "match"),
     "writers": KindInfo("export", "output writers", "vfm_sdm.writers"),
     "checks": KindInfo("check", "audit checks", "vfm_sdm.checks"),
+    "sections": KindInfo("section", "report sections", "vfm_sdm.sections"),
 }
 
 
@@ -272,6 +273,20 @@ _CHECKS = {
     "frames": Part(_AUDIT + "signal:check_duration"),
     "refinement": Part(_AUDIT + "signal:check_refinement"),
 }
+_SECTIONS_AT = "vfm_sdm.outputs.report.sections."
+_SECTIONS = {
+    "task": Part(_SECTIONS_AT + "head:describe_task"),
+    "verdict": Part(_SECTIONS_AT + "head:describe_verdict"),
+    "site": Part(_SECTIONS_AT + "site:describe_site"),
+    "photos": Part(_SECTIONS_AT + "site:describe_photos"),
+    "results": Part(_SECTIONS_AT + "results:describe_results"),
+    "histories": Part(_SECTIONS_AT + "results:describe_histories"),
+    "budget": Part(_SECTIONS_AT + "budget:describe_budget"),
+    "audit": Part(_SECTIONS_AT + "checks:describe_audit"),
+    "comparison": Part(_SECTIONS_AT + "checks:describe_comparison"),
+    "modes": Part(_SECTIONS_AT + "checks:describe_modes"),
+    "traceability": Part(_SECTIONS_AT + "traceability:describe_traceability"),
+}
 
 BUILT_IN: Mapping[Kind, dict[str, Part]] = {
     "trackers": _TRACKERS,
@@ -280,5 +295,6 @@ BUILT_IN: Mapping[Kind, dict[str, Part]] = {
     "features": _FEATURES,
     "writers": _WRITERS,
     "checks": _CHECKS,
+    "sections": _SECTIONS,
 }
-"""This package's own parts by kind and name; of checks, in the order of the audit."""
+"""This package's own parts by kind and name; of checks and sections, in the order of audit and report."""

@@ -175,12 +175,12 @@ def amplitude_spectrum(
         return np.zeros(0), np.zeros(0)
     grid = np.linspace(clock[found[0]], clock[found[-1]], count)
     even = np.interp(grid, clock[found], series[found])
-    frequency_hz, power = welch(  # type: ignore[call-overload]  # its stubs do not know detrend by name
+    frequency_hz, power = welch(
         even,
         fs=1 / float(grid[1] - grid[0]),
         window="hann",
         nperseg=min(count, _STRETCH),
-        detrend="linear",
+        detrend=detrend,
         scaling="spectrum",
     )
     amplitude = np.sqrt(2 * power[1:])

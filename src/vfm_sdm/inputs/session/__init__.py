@@ -18,6 +18,7 @@ from vfm_sdm.inputs.session.recordings import (
     quiet_frames,
 )
 from vfm_sdm.inputs.session.reference_frames import find_reference_frames
+from vfm_sdm.inputs.session.report import Report
 from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, Ratio, Readings, Rectangle, Site
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "Ratio",
     "Readings",
     "Rectangle",
+    "Report",
     "Sensor",
     "Session",
     "SessionChain",

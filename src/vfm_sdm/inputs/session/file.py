@@ -78,12 +78,15 @@ def write_session(path: Path | str, session: Session) -> Path:
 
 
 def session_hash(session: Session) -> str:
-    """SHA-256 of everything the session says, as 64 hexadecimal digits.
+    """SHA-256 of everything the session says of the measurement, as 64 hexadecimal digits.
 
-    Independent of the order and spelling of the file, of whether a default is written out, and of the folder; the
-    contents of the files that it names do not enter (see `file_hash`).
+    Independent of the order and spelling of the file, of whether a default is written out, of the folder, and of what
+    is said for a report alone; the contents of the files that it names do not enter (see `file_hash`).
     """
-    text = json.dumps(session.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    # Who fills in the client's name after the measurement has not measured another session.
+    fields = session.model_dump(mode="json")
+    fields.pop("report", None)
+    text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

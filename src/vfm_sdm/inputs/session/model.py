@@ -27,6 +27,7 @@ from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
 from vfm_sdm.inputs.session.recording_fields import Files, Instant, Interval, count_from
+from vfm_sdm.inputs.session.report import Report
 from vfm_sdm.inputs.session.site import Entry, Name, Number, Pixel, Positive, Readings, Site
 
 __all__ = ["Chessboard", "Point", "Sensor", "Session", "View"]
@@ -182,6 +183,8 @@ class Session(Entry):
     chessboard: Chessboard | None = None
     baseline_visit: _PathField | None = None
     """Run folder of an earlier visit to the same structure, since which rest positions may have changed."""
+    report: Report | None = None
+    """What a report says beside the results, which do not depend on it."""
     folder: Path = Field(default=Path(), exclude=True)
     """Where relative paths start: the folder of the session's file. Not written to it."""
 
@@ -195,6 +198,12 @@ class Session(Entry):
         faults += cross_faults(fields)
         if faults:
             raise SessionError("\n".join(faults))
+
+    @model_serializer(mode="wrap")
+    def _without_report(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # As of a point: keys and hashes of sessions without it stay as they were before it came.
+        fields: dict[str, Any] = dump(self)
+        return {key: value for key, value in fields.items() if value is not None or key != "report"}
 
     @classmethod
     def partial_faults(cls, fields: Mapping[str, Any]) -> list[str]:

@@ -1,6 +1,8 @@
 """``summary.json``: the main values of a measurement, with null where nothing is known."""
 
 import json
+import os
+import platform
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -28,7 +30,14 @@ from vfm_sdm.stages.audit import Audit
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
-__all__ = ["describe_measurement", "read_summary", "summarize_displacement", "write_summary"]
+__all__ = [
+    "describe_measurement",
+    "difference_variance",
+    "read_summary",
+    "summarize_displacement",
+    "summarize_series",
+    "write_summary",
+]
 
 _PROPORTIONAL = ("cameras", "compression", "subset")
 """Components of the budget that are proportional to the motion."""
@@ -104,6 +113,7 @@ def describe_measurement(
     """
     return {
         "status": cameras.status,
+        "system": {"platform": platform.platform(), "processor": platform.machine(), "processors": os.cpu_count()},
         "audit": None if audit is None else audit.as_table(),
         "scale": None if audit is None or audit.scale is None else audit.scale.as_table(),
         "notes": [*subset_notes(tracks), *cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
@@ -182,12 +192,23 @@ def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:
         summary[str(point)] = {
             "coverage_valid": float(ok.mean()) if ok.size else None,
             "status_counts": {name: int((status == code).sum()) for code, name in enumerate(STATUS_MEANINGS)},
-            "axes": {str(axis): _summarize_axis(of_point.sel(axis=axis), time_s, ok) for axis in data["axis"].values},
+            "axes": {str(axis): summarize_series(of_point.sel(axis=axis), time_s, ok) for axis in data["axis"].values},
         }
     return summary
 
 
-def _summarize_axis(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict[str, Any]:
+def summarize_series(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> dict[str, Any]:
+    """Main values of one point along one axis, as `summarize_displacement` lists them.
+
+    Parameters
+    ----------
+    series
+        Displacement dataset of this point and axis, shape (T,) [mm].
+    time_s
+        Time stamps, shape (T,) [s].
+    ok
+        Frames that count, shape (T,).
+    """
     values = np.where(ok, series["displacement"].values, np.nan)
     std = series["displacement_std"].values
     scale_std = float(series["scale_std"])
@@ -219,15 +240,35 @@ def _summarize_axis(series: xr.Dataset, time_s: FloatArray, ok: BoolArray) -> di
         summary["budget_mm"] = {
             name: _replace_unknown(float(np.sqrt(np.mean(u[found] ** 2)))) for name, u in budget.items()
         }
-        # Errors that grow with the motion have opposite signs at the extremes, and add up.
-        variance = sum(
-            (u[top] + u[bottom]) ** 2 if name in _PROPORTIONAL else u[top] ** 2 + u[bottom] ** 2
-            for name, u in budget.items()
-            if name not in _SHARED
+        variance = difference_variance(
+            {name: u[top] for name, u in budget.items()}, {name: u[bottom] for name, u in budget.items()}
         )
     summary["expanded_uncertainty_mm"] = _replace_unknown(COVERAGE_FACTOR * float(np.sqrt(variance)))
     summary["dominant_frequency_hz"] = dominant_frequency(time_s, values)
     return summary
+
+
+def difference_variance(first: Mapping[str, float], second: Mapping[str, float]) -> float:
+    """Variance of the distance between two samples, or means, on either side of the zero [mm2].
+
+    Parameters
+    ----------
+    first, second
+        Standard deviations of each by component of the budget, k = 1 [mm].
+
+    Examples
+    --------
+    >>> difference_variance({"random": 3.0, "cameras": 1.0, "origin": 9.0}, {"random": 4.0, "cameras": 2.0})
+    34.0
+    """
+    # Errors that grow with the motion have opposite signs at the extremes, and add up.
+    return float(
+        sum(
+            (u + second[name]) ** 2 if name in _PROPORTIONAL else u**2 + second[name] ** 2
+            for name, u in first.items()
+            if name not in _SHARED
+        )
+    )
 
 
 def _replace_unknown(value: float) -> float | None:

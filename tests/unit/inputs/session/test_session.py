@@ -22,6 +22,7 @@ from vfm_sdm.inputs.session import (
     Network,
     Point,
     Range,
+    Report,
     Sensor,
     Session,
     Sfm,
@@ -784,7 +785,7 @@ def test_examples_of_the_manual_are_valid(tmp_path):
 
 def test_every_key_is_in_the_manual():
     text = DOCS.read_text(encoding="utf-8")
-    listed = (View, Lens, Level, Site, Range, Length, Point, Sensor, Chessboard)
+    listed = (View, Lens, Level, Site, Range, Length, Point, Sensor, Chessboard, Report)
     for model in (Session, *listed, Method, Sgr, Network, Sfm):
         for name, field in model.model_fields.items():
             assert field.exclude or re.search(rf"\b{name}\b", text), f"{model.__name__}.{name}"

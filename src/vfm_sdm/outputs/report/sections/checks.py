@@ -1,0 +1,203 @@
+"""The audit with what to do, the comparison with sensors, and modes."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from vfm_sdm.core.statuses import Outcome
+from vfm_sdm.outputs.report.content import Block, Cell, Listed, Paragraph, Section, Table
+from vfm_sdm.outputs.report.inputs import ReportInputs
+from vfm_sdm.outputs.report.language import UNKNOWN, Language, count_decimals
+from vfm_sdm.outputs.report.sections.head import TONES
+from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
+
+__all__ = ["describe_audit", "describe_comparison", "describe_modes"]
+
+_NO_LIMIT = 1e-6
+"""Limit of a check below which any amount is a caution, and none is worth saying."""
+_MOST_READINGS, _MOST_INTERVALS = 3, 40
+_WORTH_MEASURING = 0.9
+
+
+def describe_audit(inputs: ReportInputs, language: Language) -> Section:
+    """Every check with its outcome, value and limit, and what to do about those that did not pass.
+
+    Parameters
+    ----------
+    inputs
+        Files of the run.
+    language
+        Language of the texts.
+    """
+    audit = inputs.summary["audit"]
+    rows = tuple(_list_check(check, language) for check in audit["checks"])
+    tones = tuple(TONES.get(check["outcome"], "") for check in audit["checks"])
+    columns = tuple(language.say(name) for name in ("check", "outcome", "where", "found", "limit"))
+    blocks: list[Block] = [Table(language.say("table audit"), columns, rows, words=3, tones=tones)]
+    for wanted in (Outcome.FAIL, Outcome.CAUTION):
+        for check in audit["checks"]:
+            if check["outcome"] == wanted:
+                blocks += list(_explain(check, language))
+    unchecked = tuple(
+        f"{language.word('check', check['name'])}: {check['sentence']}"
+        for check in audit["checks"]
+        if check["outcome"] == Outcome.NOT_POSSIBLE
+    )
+    if unchecked:
+        blocks += [Paragraph(language.say("not checked")), Listed(unchecked, foreign=language.code != "en")]
+    blocks += list(_advise(inputs, language))
+    if audit.get("intervals"):
+        blocks.append(_tabulate_intervals(audit["intervals"], language))
+    return Section(language.say("title audit"), tuple(blocks))
+
+
+def _list_check(check: Mapping[str, Any], language: Language) -> tuple[Cell, ...]:
+    units = "" if check["units"] in ("", "1") else str(check["units"])
+    limit = check["limit"] if check["limit"] is not None and check["limit"] > _NO_LIMIT else None
+    shown = language.digits(limit, 3, units)
+    if limit is not None:
+        shown = Cell(f"{'≥' if check['larger_is_better'] else '<'} {shown.text}", shown.value)
+    return (
+        Cell(language.word("check", check["name"])),
+        Cell(language.word("outcome", check["outcome"])),
+        Cell(str(check["where"] or "")),
+        language.digits(check["figure"], 3, units),
+        shown,
+    )
+
+
+def _explain(check: Mapping[str, Any], language: Language) -> Iterator[Block]:
+    """What to do about a check, and its own sentence, which is English."""
+    name = language.word("check", check["name"])
+    outcome = language.word("outcome", check["outcome"])
+    todo = language.word("todo", check["name"])
+    advice = "" if todo == check["name"] else f": {todo}"
+    yield Paragraph(f"{name} ({outcome}){advice}", TONES.get(check["outcome"], ""))
+    yield Paragraph(str(check["sentence"]), "quiet", foreign=language.code != "en")
+
+
+def _advise(inputs: ReportInputs, language: Language) -> Iterator[Block]:
+    """What to measure next on site, in the order of what it would bring."""
+    scale = inputs.summary.get("scale") or {}
+    now = scale.get("expanded_uncertainty")
+    better = [one for one in scale.get("measure_next", []) if now and one["leaves"] < _WORTH_MEASURING * now]
+    if better:
+        items = tuple(
+            f"{one['reading']}: {language.digits(100 * one['leaves'], 2, '%').text}" for one in better[:_MOST_READINGS]
+        )
+        yield Paragraph(language.say("measure next"))
+        yield Listed(items, foreign=language.code != "en")
+
+
+def _tabulate_intervals(intervals: list[Mapping[str, Any]], language: Language) -> Table:
+    """Verdicts on the parts of a long recording; of many, those that are worst first."""
+    chosen = intervals
+    if len(intervals) > _MOST_INTERVALS:
+        chosen = sorted(intervals, key=lambda one: one["verdict"] != "do not use")[:_MOST_INTERVALS]
+        chosen = sorted(chosen, key=lambda one: one["begin_s"])
+    rows = tuple(
+        (
+            language.cell(one["begin_s"], 0),
+            language.cell(one["end_s"], 0),
+            Cell(language.word("verdict short", one["verdict"])),
+            Cell(str(one["reasons"])),
+        )
+        for one in chosen
+    )
+    tones = tuple(TONES.get(one["verdict"], "") for one in chosen)
+    columns = tuple(language.say(name) for name in ("from s", "to s", "verdict", "reasons"))
+    caption = language.say("table intervals", count=len(chosen), all=len(intervals))
+    return Table(caption, columns, rows, words=4, tones=tones)
+
+
+def describe_comparison(inputs: ReportInputs, language: Language) -> Section | None:
+    """The measurement beside a reference; nothing where none was evaluated.
+
+    Parameters
+    ----------
+    inputs
+        Files of the run.
+    language
+        Language of the texts.
+    """
+    found = inputs.evaluation
+    if found is None:
+        return None
+    head = language.say("comparison head", reference=found.get("reference", ""))
+    if found.get("band_hz"):
+        low, high = (language.digits(value, 3).text for value in found["band_hz"])
+        head += " " + language.say("comparison band", low=low, high=high)
+    rows = []
+    for row in found["rows"]:
+        score = row["score"]
+        percent = None if score["coverage"] is None else 100 * score["coverage"]
+        lag_ms = None if score["lag_s"] is None else 1e3 * score["lag_s"]
+        rows.append(
+            (
+                Cell(str(row["point"])),
+                Cell(language.word("axis", str(row["axis"]))),
+                language.digits(row["estimate_peak_to_peak_mm"], 4),
+                language.digits(row["reference_peak_to_peak_mm"], 4),
+                language.digits(row["rms_error_mm"], 2),
+                *(language.cell(score[name], 4) for name in ("nrmse_range", "correlation", "rppae", "gain")),
+                language.cell(lag_ms, 1),
+                language.cell(percent, 0),
+            )
+        )
+    columns = ("point", "axis", "p2p here", "p2p reference", "rms error", "nrmse", "correlation", "rppae", "gain")
+    heads = tuple(language.say(name) for name in (*columns, "lag ms", "coverage"))
+    table = Table(language.say("table comparison"), heads, tuple(rows), words=2)
+    notes = tuple(str(note) for note in found.get("notes", []))
+    listed = (Listed(notes, foreign=language.code != "en"),) if notes else ()
+    return Section(language.say("title comparison"), (Paragraph(head), table, *listed))
+
+
+def describe_modes(inputs: ReportInputs, language: Language) -> Section | None:
+    """Frequencies, damping and shapes; nothing where no modes were identified.
+
+    Parameters
+    ----------
+    inputs
+        Files of the run.
+    language
+        Language of the texts.
+    """
+    modes = inputs.modes
+    if modes is None:
+        return None
+    rows = []
+    for number in range(modes.sizes["mode"]):
+        one = modes.isel(mode=number)
+        cells: list[Cell] = []
+        for name, factor in (("frequency", 1.0), ("damping_ratio", 100.0)):
+            value = factor * float(one[name])
+            std = factor * float(one[f"{name}_std"]) if f"{name}_std" in one else np.nan
+            decimals = count_decimals(COVERAGE_FACTOR * std, 2) if np.isfinite(std) and std > 0 else 3
+            shown = language.cell(value, decimals)
+            if shown.text != UNKNOWN and np.isfinite(std):
+                shown = Cell(f"{shown.text} ± {language.write(COVERAGE_FACTOR * std, decimals)}", value)
+            cells.append(shown)
+        rows.append((Cell(str(number + 1)), *cells))
+    columns = tuple(language.say(name) for name in ("mode", "frequency hz", "damping percent"))
+    shapes = []
+    for point in modes["point"].values:
+        for axis in modes["axis"].values:
+            values = np.atleast_1d(modes["shape"].sel(point=point, axis=axis).values)
+            cells = [
+                Cell(
+                    f"{language.write(abs(v), 3)} ∠ {language.write(float(np.degrees(np.angle(v))), 0)}°", float(abs(v))
+                )
+                if np.isfinite(v)
+                else Cell(UNKNOWN)
+                for v in values
+            ]
+            shapes.append((Cell(str(point)), Cell(language.word("axis", str(axis))), *cells))
+    heads = (language.say("point"), language.say("axis"), *(str(n + 1) for n in range(modes.sizes["mode"])))
+    return Section(
+        language.say("title modes"),
+        (
+            Table(language.say("table modes"), columns, tuple(rows)),
+            Table(language.say("table shapes"), heads, tuple(shapes), words=2),
+        ),
+    )
