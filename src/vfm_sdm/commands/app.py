@@ -18,6 +18,7 @@ from vfm_sdm.commands.acceptance import accept, verify
 from vfm_sdm.commands.batch import batch_command
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
+from vfm_sdm.commands.frames import frames
 from vfm_sdm.commands.lens import lens
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions, WorkerOptions, name_values
 from vfm_sdm.commands.planning import plan
@@ -48,6 +49,7 @@ app.command(weights)
 app.command(batch_command, name="batch")
 app.command(accept)
 app.command(verify)
+app.command(frames)
 app.command(lens)
 app.command(plan)
 app.command(points)

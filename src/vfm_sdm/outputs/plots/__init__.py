@@ -2,14 +2,17 @@
 
 from vfm_sdm.outputs.plots.audit import plot_audit
 from vfm_sdm.outputs.plots.figures import file_stem, first_places, save_figures, save_later_points
-from vfm_sdm.outputs.plots.panels import plot_displacement, plot_points, plot_trajectory
+from vfm_sdm.outputs.plots.panels import plot_displacement, plot_trajectory
+from vfm_sdm.outputs.plots.pictures import draw_frame, plot_points, plot_subsets
 
 __all__ = [
+    "draw_frame",
     "file_stem",
     "first_places",
     "plot_audit",
     "plot_displacement",
     "plot_points",
+    "plot_subsets",
     "plot_trajectory",
     "save_figures",
     "save_later_points",

@@ -17,7 +17,8 @@ from vfm_sdm.core.files import write_file
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.outputs.plots.audit import plot_audit
 from vfm_sdm.outputs.plots.drawing import list_names, plain_text
-from vfm_sdm.outputs.plots.panels import plot_displacement, plot_points, plot_trajectory
+from vfm_sdm.outputs.plots.panels import plot_displacement, plot_trajectory
+from vfm_sdm.outputs.plots.pictures import plot_points
 from vfm_sdm.stages.audit import Audit
 
 __all__ = ["file_stem", "first_places", "save_figures", "save_later_points"]
