@@ -272,7 +272,7 @@ class Measurement(SessionChain):
 
     @product(
         reads=(
-            *("view.name", "point.name", "point.pixel", "point.static", "site.length"),
+            *("view.name", "view.start", "view.use_s", "point.name", "point.pixel", "point.static", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
         needs=("intervals", "cameras", "injected", "steady", "aligned", "refinement", "unrefined", "carried"),

@@ -32,7 +32,7 @@ from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
-from vfm_sdm.outputs.results import first_cause, write_export
+from vfm_sdm.outputs.results import first_cause, write_export, write_movement
 from vfm_sdm.studies.protocol import run_benchmark
 from vfm_sdm.studies.synthetic.presets import PRESETS, PresetName
 
@@ -60,6 +60,9 @@ _Output = Annotated[Path, Parameter(name=["--output", "-o"], help="Run folder to
 _WholeFiles = Annotated[
     bool, Parameter(negative="", help="Hash large recordings as a whole, not by size, time stamp and samples.")
 ]
+
+_MOVEMENT = "movement"
+"""Export of tracks; all others are of displacement."""
 
 _RECIPE, _CLOCK, _WORKERS = RecipeOptions(), ClockOptions(), WorkerOptions()
 
@@ -105,7 +108,11 @@ def measure_command(
     output: _Output,
     export: Annotated[
         tuple[str, ...],
-        Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
+        Parameter(
+            negative="",
+            help="Also write displacement.mat, displacement.uff, or what other packages write (again for each); "
+            "movement: tracks as movement_VIEW.nc, for the package movement or plain xarray.",
+        ),
     ] = (),
     csv_every: Annotated[
         int, Parameter(help="Write every N-th frame to displacement.csv; the netCDF file has all of them.")
@@ -120,7 +127,8 @@ def measure_command(
     settings = read_session(session)
     if csv_every < 1:
         raise SessionError(f"--csv-every: expected 1 or more, got {csv_every}; leave it out to write every frame")
-    for form in export:
+    of_displacement = [form for form in export if form != _MOVEMENT]
+    for form in of_displacement:
         find("writers", form)  # before any work is done
     with show_progress() as progress, work.executor() as executor:
         result = measure(
@@ -134,10 +142,12 @@ def measure_command(
     for part in reports.measurement_report(result):
         _out.print(part)
     _say(f"written: {output} (figures in {output / 'figures'})")
+    if _MOVEMENT in export:
+        _say(f"written: {', '.join(map(str, write_movement(output, result.tracks)))}")
     if result.displacement is not None:
         if csv_every > 1:
             write_export("csv", output, result.displacement.isel(time=slice(None, None, csv_every)))
-        for form in export:
+        for form in of_displacement:
             _say(f"written: {write_export(form, output, result.displacement)}")
     if cause := first_cause(result.cameras, result.tracks, result.displacement):
         _fail(f"no sample is ok: {cause}")
@@ -156,7 +166,15 @@ def cameras(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles 
 
 @app.command
 def track(
-    session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False, work: WorkerOptions = _WORKERS
+    session: _SessionFile,
+    *,
+    output: _Output,
+    export: Annotated[
+        tuple[Literal["movement"], ...],
+        Parameter(negative="", help="Also write movement_VIEW.nc, for the package movement or plain xarray."),
+    ] = (),
+    whole_files: _WholeFiles = False,
+    work: WorkerOptions = _WORKERS,
 ) -> None:
     """Follow the points in every view: writes cameras.toml, points.nc and tracks.nc. Works with a single view, too."""
     settings = read_session(session)
@@ -164,7 +182,8 @@ def track(
         measurement = Measurement(settings, output, progress=progress, whole_files=whole_files, executor=executor)
         tracks = measurement.run("tracks").tracks
     _out.print(reports.track_table(tracks))
-    _say(f"written: {output / 'tracks.nc'}")
+    written = [output / "tracks.nc", *(write_movement(output, tracks) if export else ())]
+    _say(f"written: {', '.join(map(str, written))}")
 
 
 @app.command

@@ -24,7 +24,7 @@ SESSION = "session.resolved.toml"
 
 _SUMMARY, _LOCK, _OWNER, _FIGURES = "summary.json", "run.lock", "run.owner", "figures"
 _RESULTS = (
-    *("displacement.*", "revisit.csv", "evaluation.json", "acceptance_*.json", _SUMMARY),
+    *("displacement.*", "movement_*.nc", "revisit.csv", "evaluation.json", "acceptance_*.json", _SUMMARY),
     *(f"{_FIGURES}/{stem}.png" for stem in ("trajectory_*", "displacement_*", "points_*", "audit")),
 )
 """What is said of a measurement. Cameras, points and tracks stand under keys of their own, which tell what they are

@@ -1,6 +1,5 @@
 """The figures of a run folder, and their files."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from io import BytesIO
@@ -13,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vfm_sdm.core.datasets import frames_of_points
-from vfm_sdm.core.files import write_file
+from vfm_sdm.core.files import distinct_stem, file_stem, write_file
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.outputs.plots.audit import plot_audit
 from vfm_sdm.outputs.plots.drawing import list_names, plain_text
@@ -25,7 +24,6 @@ __all__ = ["file_stem", "first_places", "save_figures", "save_later_points"]
 
 _DPI = 150
 _MOST_PANELS = 12
-_STEM_BYTES = 120
 _WIDTH_IN = 9.0
 
 
@@ -132,34 +130,12 @@ def save_later_points(
     return _write_figures(Path(folder) / "figures", drawings)
 
 
-def file_stem(name: str) -> str:
-    """A name as part of a file name.
-
-    Parameters
-    ----------
-    name
-        Name of a view or a point.
-
-    Examples
-    --------
-    >>> file_stem("1/2 span")
-    '1-2_span'
-    """
-    stem = re.sub(r"[^\w.+-]", "-", re.sub(r"\s+", "_", name.strip()))
-    short = stem.encode()[:_STEM_BYTES].decode(errors="ignore")  # file systems allow 255 bytes, with all around it
-    return short.strip(".") or "unnamed"
-
-
 def _write_figures(folder: Path, drawings: Sequence[tuple[str, Callable[[], Figure]]]) -> list[Path]:
     """Files of the figures, of which only one is in memory at a time."""
     paths: list[Path] = []
     taken: set[str] = set()
     for stem, draw in drawings:
-        # Two names may become one, at the latest where file systems ignore case.
-        unique, number = stem, 2
-        while unique.casefold() in taken:
-            unique, number = f"{stem}_{number}", number + 1
-        taken.add(unique.casefold())
+        unique = distinct_stem(stem, taken)
         drawn = BytesIO()
         draw().savefig(drawn, format="png", dpi=_DPI, pil_kwargs={"compress_level": 3})
         paths.append(write_file(folder / f"{unique}.png", drawn.getvalue()))

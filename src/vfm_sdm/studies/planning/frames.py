@@ -10,14 +10,14 @@ import numpy.typing as npt
 import xarray as xr
 
 from vfm_sdm.core.datasets import frames_of_points
-from vfm_sdm.core.files import write_file
+from vfm_sdm.core.files import distinct_stem, file_stem, write_file
 from vfm_sdm.core.netcdf import read_points, read_tracks
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import BackendUnavailableError, ResultsError
 from vfm_sdm.inputs.session import Session, read_session
 from vfm_sdm.inputs.video import RgbArray, Video, open_video
 from vfm_sdm.measurement import Measurement
-from vfm_sdm.outputs.plots import draw_frame, file_stem
+from vfm_sdm.outputs.plots import draw_frame
 
 __all__ = ["FramePicture", "find_frames", "write_frames"]
 
@@ -116,10 +116,7 @@ def write_frames(folder: Path | str, frames: Iterator[FramePicture]) -> Iterator
     """
     taken: set[str] = set()
     for one in frames:
-        stem, number = one.stem, 2
-        while stem.casefold() in taken:
-            stem, number = f"{one.stem}_{number}", number + 1
-        taken.add(stem.casefold())
+        stem = distinct_stem(one.stem, taken)
         drawn = BytesIO()
         figure = draw_frame(
             one.picture(), one.places, one.names, title=_title(one), sides_px=one.sides_px, static=one.static
