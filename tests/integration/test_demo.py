@@ -9,8 +9,9 @@ import pytest
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.core.statuses import Verdict
-from vfm_sdm.inputs.session import Lens, read_session
+from vfm_sdm.inputs.session import Lens, Method, read_session
 from vfm_sdm.measurement import Measurement
+from vfm_sdm.outputs.results import write_movement
 from vfm_sdm.stages.cameras.file import read_rig
 from vfm_sdm.stages.lens.file import KnownLens, write_lens
 from vfm_sdm.studies.synthetic.field_test import make_demo
@@ -96,3 +97,19 @@ def test_lens_files_of_pan_clips_tell_the_scale_without_a_range(whole, tmp_path)
             one = measured.displacement.sel(point=point, axis=axis)
             gain = float(np.polyfit(moved, one["displacement"].values, 1)[0])
             assert abs(gain - 1) < 3 * float(one["scale_std"]) + 0.002
+
+
+def test_tracks_of_files_give_the_same_displacement(demo, tmp_path):
+    """Without gains by injected motion, which needs the tracker itself."""
+    session, tracks = demo.measurement.session, demo.measurement.tracks
+    files = dict(zip(tracks, write_movement(tmp_path, tracks), strict=True))
+    with_tracker = session.method.model_copy(update={"injection": False})
+    with_files = Method(**session.method.model_dump() | {"tracker": "file", "file": files, "injection": False})
+    given = Measurement(session.model_copy(update={"method": with_tracker})).given(
+        cameras=demo.measurement.cameras, tracks=tracks, frames=demo.measurement.frames
+    )
+    read = Measurement(session.model_copy(update={"method": with_files})).given(cameras=demo.measurement.cameras)
+    difference = read.displacement["displacement"] - given.displacement["displacement"]
+    assert float(np.abs(difference).max()) < 0.02
+    assert (read.displacement["status"] == 0).equals(given.displacement["status"] == 0)
+    assert read.displacement.attrs["tracker"] == "file"

@@ -22,6 +22,7 @@ __all__ = [
     "file_hash",
     "file_stem",
     "match_files",
+    "natural_key",
     "remove_orphans",
     "replace_file",
     "write_file",
@@ -341,3 +342,21 @@ def distinct_stem(stem: str, taken: set[str]) -> str:
         unique, number = f"{stem}_{number}", number + 1
     taken.add(unique.casefold())
     return unique
+
+
+def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """What files are sorted by so that numbers in their names count by value, and stand before text.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Examples
+    --------
+    >>> [one.name for one in sorted([Path("10.png"), Path("9.png")], key=natural_key)]
+    ['9.png', '10.png']
+    """
+    # The name itself decides between 1 and 01.
+    pieces = [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", str(path)) if p]
+    return pieces, str(path)

@@ -198,6 +198,7 @@ _TRACKERS = {
         ("network.weights", "network.device"),
         needs=Needs("vfm", ("torch",), ("bootstapir",)),
     ),
+    "file": Part(_STAGES + "tracking.file:FileTracker", settings=_STAGES + "tracking.file:TrackFiles"),
     "vggt+icgn": _polished("vggt"),
     "tapir+icgn": _polished("tapir"),
 }

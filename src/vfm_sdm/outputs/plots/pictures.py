@@ -123,8 +123,8 @@ def plot_subsets(
     Examples
     --------
     >>> axes = plot_points(np.zeros((48, 64), np.uint8), [[10.0, 20.0]], ["mid"])
-    >>> plot_subsets(axes, [[10.0, 20.0]], [15]).patches[0].get_bbox().bounds
-    (2.5, 12.5, 15.0, 15.0)
+    >>> [float(value) for value in plot_subsets(axes, [[10.0, 20.0]], [15]).patches[0].get_bbox().bounds]
+    [2.5, 12.5, 15.0, 15.0]
     """
     points = as_float_array(points2d, "points2d", (len(sides_px), 2))
     for (u, v), side, still in zip(points, sides_px, static or [False] * len(sides_px), strict=True):
