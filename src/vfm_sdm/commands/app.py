@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Literal, NoReturn
 
@@ -24,9 +25,11 @@ from vfm_sdm.commands.options import ClockOptions, RecipeOptions, WorkerOptions,
 from vfm_sdm.commands.planning import plan
 from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.commands.terminal import Ending, Terminal, as_json
 from vfm_sdm.commands.watch import watch
 from vfm_sdm.core.registry import find
 from vfm_sdm.core.sensor_datasets import SensorUnits
+from vfm_sdm.core.statuses import Verdict
 from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
@@ -40,8 +43,15 @@ __all__ = ["app", "main"]
 
 app = cyclopts.App(
     name="vfm-sdm",
-    help="Structural displacement in millimetres from two ordinary cameras and one measured length.",
+    help="Structural displacement in millimetres from two ordinary cameras and one measured length.\n\n"
+    "Every command takes --json: its tables are one JSON object then. Exit status: 0 done, 1 the input cannot be used "
+    "or a test was not passed, 3 the data did not allow a result, 4 the audit says not to use the result, 130 "
+    "interrupted.",
     version=__version__,
+    # Nobody needs a word for an empty list.
+    default_parameter=Parameter(negative_iterable=()),
+    # Else its message would be swallowed.
+    suppress_keyboard_interrupt=False,
 )
 
 weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundation models: list and fetch them.")
@@ -66,27 +76,30 @@ _MOVEMENT = "movement"
 
 _RECIPE, _CLOCK, _WORKERS = RecipeOptions(), ClockOptions(), WorkerOptions()
 
-# Names in square brackets are names, no markup.
-_out = Console(markup=False)
+_out = Terminal()
 _err = Console(stderr=True, markup=False)
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Entry point: runs a command; an expected error ends with status 1 and its message alone.
+    """Entry point: runs a command; an expected error ends with status 1 and its message alone, Ctrl-C with 130.
 
     Parameters
     ----------
     words
         The command line without the program's name; that of the process when ``None``.
     """
+    typed = list(sys.argv[1:] if words is None else words)
+    # These two have a form of their own.
+    asked = "--json" in typed and typed[0] not in ("batch", "watch")
     try:
-        app(words)
+        with as_json() if asked else nullcontext():
+            app([word for word in typed if word != "--json"] if asked else typed)
     except VfmSdmError as error:
         _err.print(f"vfm-sdm: {error}", style="red", highlight=False, soft_wrap=True)
-        sys.exit(1)
+        sys.exit(Ending.ERROR)
     except KeyboardInterrupt:
         _err.print("vfm-sdm: interrupted; finished stages are kept and the next run reuses them")
-        sys.exit(130)
+        sys.exit(Ending.INTERRUPTED)
 
 
 @app.command
@@ -151,6 +164,8 @@ def measure_command(
             _say(f"written: {write_export(form, output, result.displacement)}")
     if cause := first_cause(result.cameras, result.tracks, result.displacement):
         _fail(f"no sample is ok: {cause}")
+    if result.audit is not None and result.audit.verdict is Verdict.REFUSED:
+        sys.exit(Ending.REFUSED)
 
 
 @app.command
@@ -350,4 +365,4 @@ def _note(notes: Sequence[str]) -> None:
 def _fail(reason: str) -> NoReturn:
     """Ends with status 3: the input was right, the data did not allow a result."""
     _err.print(f"vfm-sdm: {reason}", style="red", highlight=False, soft_wrap=True)
-    sys.exit(3)
+    sys.exit(Ending.NO_RESULT)

@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
+from vfm_sdm.commands.terminal import Terminal
 from vfm_sdm.studies.planning.frames import find_frames, write_frames
 
 __all__ = ["frames"]
 
-_out = Console(markup=False)
+_out = Terminal()
 
 
 def frames(
