@@ -181,6 +181,6 @@ def test_points_outside_the_image_are_refused(tracker, clip):
 def test_an_unknown_name_lists_the_known_ones():
     with pytest.raises(
         BackendUnavailableError,
-        match=r"expected one of \['icgn', 'lucas-kanade', 'tapir',.*\], got 'ignc'; did you mean 'icgn'",
+        match=r"expected one of \['file', 'icgn', 'lucas-kanade', 'tapir',.*\], got 'ignc'; did you mean 'icgn'",
     ):
         find_tracker("ignc")
