@@ -21,7 +21,7 @@ from vfm_sdm.stages.matching.points import named_points
 
 # Fields by name, and the products that read them; `summary` reads all, and `audit` these tables as a whole.
 READERS = {
-    "name": (),
+    "name": ("figures",),
     "view.name": ("recordings", "cameras", "aligned", "displacement", "intervals", "audit"),
     "view.video": ("recordings", "intervals", "audit"),
     "view.images": ("recordings", "cameras", "intervals", "audit"),

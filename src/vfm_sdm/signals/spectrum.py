@@ -2,13 +2,13 @@
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import next_fast_len, rfft
+from scipy.fft import next_fast_len, rfft, rfftfreq
 from scipy.signal import detrend
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, as_float_array
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["detection_limit", "dominant_frequency"]
+__all__ = ["compute_amplitudes", "detection_limit", "dominant_frequency"]
 
 _SHORTEST_S = 2.0
 _FEWEST_CYCLES = 4.0
@@ -102,22 +102,11 @@ def dominant_frequency(time_s: npt.ArrayLike, values: npt.ArrayLike) -> float | 
     >>> round(frequency_hz, 2)
     3.2
     """
-    clock, series = as_float_array(time_s, "time_s", (None,)), as_float_array(values, "values", (None,))
-    if clock.shape != series.shape or np.any(np.diff(clock) <= 0):
-        raise DatasetError(
-            f"dominant frequency: expected increasing time stamps, one a value, got {clock.size} stamps for "
-            f"{series.size} values; sort or cut them"
-        )
-    found = np.flatnonzero(np.isfinite(series))
-    if found.size < 2 or clock[found[-1]] - clock[found[0]] < _SHORTEST_S:
+    found = _even_series(time_s, values)
+    if found is None:
         return None
-    count = int(found[-1] - found[0]) + 1
-    if found.size < _FEWEST_VALID * count:
-        return None
-    # The mean, because containers round stamps: at 60 frames a second the median of rounded intervals is 17 ms.
-    grid: FloatArray = np.linspace(clock[found[0]], clock[found[-1]], count)
-    interval = float(grid[1] - grid[0])
-    even: FloatArray = np.interp(grid, clock[found], series[found])
+    even, interval = found
+    count = even.size
     padded = next_fast_len(_ZERO_PADDING * count, real=True)
     power = np.abs(rfft(detrend(even) * np.hanning(count), padded)) ** 2
     lowest = int(np.ceil(_FEWEST_CYCLES * padded / count))
@@ -133,6 +122,68 @@ def dominant_frequency(time_s: npt.ArrayLike, values: npt.ArrayLike) -> float | 
     curvature = left - 2 * middle + right
     offset = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
     return float((highest + offset) / (padded * interval))
+
+
+def compute_amplitudes(time_s: npt.ArrayLike, values: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Frequencies [Hz] and amplitudes of a series, in its unit: a steady oscillation shows its amplitude.
+
+    Parameters
+    ----------
+    time_s
+        Increasing time stamps, shape (T,) [s].
+    values
+        The series, any unit, shape (T,); NaN where there is no value.
+
+    Returns
+    -------
+    frequency_hz, amplitude
+        Shapes (F,), without the mean; empty when the values span less than 2 s or fewer than 80 % of the frames have
+        one.
+
+    Raises
+    ------
+    DatasetError
+        The lengths differ or the time stamps do not increase.
+
+    Notes
+    -----
+    Made even and windowed as in `dominant_frequency`; not padded, so that noise has as many lines as it has samples.
+
+    Examples
+    --------
+    >>> time_s = np.arange(300) / 30
+    >>> frequency_hz, amplitude = compute_amplitudes(time_s, 0.5 * np.sin(2 * np.pi * 3.2 * time_s))
+    >>> float(frequency_hz[amplitude.argmax()].round(2)), float(amplitude.max().round(2))
+    (3.2, 0.5)
+    """
+    found = _even_series(time_s, values)
+    if found is None:
+        return np.zeros(0), np.zeros(0)
+    even, interval = found
+    window = np.hanning(even.size)
+    lines = np.abs(rfft(detrend(even) * window)) * 2 / window.sum()
+    return np.asarray(rfftfreq(even.size, interval)[1:]), np.asarray(lines[1:], np.float64)
+
+
+def _even_series(time_s: npt.ArrayLike, values: npt.ArrayLike) -> tuple[FloatArray, float] | None:
+    """Values at even times, and the time between them [s]; ``None`` of too few.
+
+    The mean interval, because containers round stamps: at 60 frames a second the median of rounded ones is 17 ms.
+    """
+    clock, series = as_float_array(time_s, "time_s", (None,)), as_float_array(values, "values", (None,))
+    if clock.shape != series.shape or np.any(np.diff(clock) <= 0):
+        raise DatasetError(
+            f"spectrum: expected increasing time stamps, one a value, got {clock.size} stamps for "
+            f"{series.size} values; sort or cut them"
+        )
+    found = np.flatnonzero(np.isfinite(series))
+    if found.size < 2 or clock[found[-1]] - clock[found[0]] < _SHORTEST_S:
+        return None
+    count = int(found[-1] - found[0]) + 1
+    if found.size < _FEWEST_VALID * count:
+        return None
+    grid: FloatArray = np.linspace(clock[found[0]], clock[found[-1]], count)
+    return np.asarray(np.interp(grid, clock[found], series[found])), float(grid[1] - grid[0])
 
 
 def _background(power: FloatArray, lines: IntArray) -> FloatArray:

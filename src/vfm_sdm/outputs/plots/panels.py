@@ -23,8 +23,12 @@ from vfm_sdm.outputs.plots.drawing import (
     reduce_band,
     reduce_line,
 )
+from vfm_sdm.signals.spectrum import compute_amplitudes, dominant_frequency
 
-__all__ = ["plot_displacement", "plot_trajectory"]
+__all__ = ["plot_displacement", "plot_spectrum", "plot_trajectory"]
+
+_LEAST_SHARE = 1e-4
+"""Share of the highest line below which a spectrum shows nothing [1]."""
 
 
 def plot_trajectory(tracks: xr.Dataset, ax: Axes | None = None, *, point: str | None = None) -> Axes:
@@ -130,3 +134,51 @@ def plot_displacement(
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"{names['axis']} [mm]")
     return finish_axes(axes, time_s)
+
+
+def plot_spectrum(
+    displacement: xr.Dataset, ax: Axes | None = None, *, point: str | None = None, axis: str | None = None
+) -> Axes:
+    """Amplitudes of one point's displacement along one axis against frequency [mm], with the dominant frequency.
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
+    ax
+        Axes to draw into; a new figure when None.
+    point, axis
+        Names of the point and the axis; may be left out where there is only one.
+
+    Raises
+    ------
+    DatasetError
+        The dataset holds no displacement, or no such point or axis.
+
+    Notes
+    -----
+    Of samples that are ok; where the recording is too short, or too many samples are missing, the axes say so.
+    """
+    check_displacement(displacement)
+    names = {"point": choose_name(displacement, "point", point), "axis": choose_name(displacement, "axis", axis)}
+    series = displacement.sel(names)
+    axes = make_axes(ax, (5, 3.5))
+    values = np.where(series["status"].values == Status.OK, series["displacement"].values, np.nan)
+    frequency_hz, amplitude = compute_amplitudes(series["time"].values, values)
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel("amplitude [mm]")
+    colour = AXIS_COLOURS[list_names(displacement, "axis").index(names["axis"]) % len(AXIS_COLOURS)]
+    if not amplitude.any():
+        axes.text(
+            0.5, 0.5, "too short for a spectrum,\nor too many gaps", transform=axes.transAxes, ha="center", va="center"
+        )
+        axes.set_yticks([])
+        return finish_axes(axes, frequency_hz)
+    axes.plot(*reduce_line(frequency_hz, amplitude), color=colour, linewidth=1.0)
+    axes.set_yscale("log")
+    axes.set_ylim(_LEAST_SHARE * amplitude.max(), 2 * amplitude.max())
+    dominant = dominant_frequency(series["time"].values, values)
+    if dominant is not None:
+        axes.axvline(dominant, color=GREY, linewidth=0.8, linestyle=":")
+        axes.set_title(f"{dominant:.2f} Hz", loc="right", fontsize="small", color=GREY)
+    return finish_axes(axes, frequency_hz)

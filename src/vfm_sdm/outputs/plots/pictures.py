@@ -37,6 +37,7 @@ def plot_points(
     ax: Axes | None = None,
     *,
     whole: bool = False,
+    static: Sequence[bool] = (),
 ) -> Axes:
     """An image with named points drawn in; the axes are full-image pixels.
 
@@ -52,6 +53,8 @@ def plot_points(
         Axes to draw into; a new figure when None.
     whole
         Whether every pixel is drawn, however large the image is.
+    static
+        Whether each point must not move, length P; those are blue. None when left out.
 
     Raises
     ------
@@ -82,8 +85,10 @@ def plot_points(
     )
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
-    axes.plot(*points.T, "o", markersize=11, markerfacecolor="none", markeredgecolor=ORANGE, path_effects=_HALO)
-    axes.plot(*points.T, "+", markersize=7, markeredgecolor=ORANGE, path_effects=_HALO)
+    still = np.array(static or [False] * len(names), np.bool_)
+    for some, colour in ((points[~still], ORANGE), (points[still], BLUE)):
+        axes.plot(*some.T, "o", markersize=11, markerfacecolor="none", markeredgecolor=colour, path_effects=_HALO)
+        axes.plot(*some.T, "+", markersize=7, markeredgecolor=colour, path_effects=_HALO)
     for (u, v), name in zip(points, names, strict=True):
         if len(names) <= _MOST_LABELS and np.isfinite([u, v]).all():
             left = u > 0.8 * width
@@ -182,7 +187,7 @@ def draw_frame(
     times = max(1, round(_DISPLAY_PX / max(width, height)))
     figure = Figure(figsize=size, dpi=times * width / picture_in)
     axes = figure.add_axes((left / size[0], below / size[1], picture_in / size[0], 1 - (below + above) / size[1]))
-    plot_points(luma, points2d, names, axes, whole=True)
+    plot_points(luma, points2d, names, axes, whole=True, static=static)
     if sides_px:
         plot_subsets(axes, points2d, sides_px, static or None)
     _draw_grid(axes, max(width, height))

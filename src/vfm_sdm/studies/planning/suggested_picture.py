@@ -48,7 +48,8 @@ def draw_suggestion(found: Suggestion) -> Figure:
     names = [one.name for one in found.points]
     for number, (view, axes) in enumerate(zip(found.frames, panels, strict=True)):
         places = np.array([one.pixels[number] for one in found.points])
-        plot_points(found.frames[view], places, names, axes)
-        plot_subsets(axes, places, [one.subset_px for one in found.points], [one.static for one in found.points])
+        static = [one.static for one in found.points]
+        plot_points(found.frames[view], places, names, axes, static=static)
+        plot_subsets(axes, places, [one.subset_px for one in found.points], static)
         axes.set_title(plain_text(f"{view}: squares are subsets; orange: on the structure, blue: static"), loc="left")
     return figure
