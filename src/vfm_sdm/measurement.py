@@ -345,7 +345,7 @@ class Measurement(SessionChain):
         """Change of rest positions since the visit that the session names; ``None`` where it names none."""
         return compare_to_baseline(Visit(session, self.frames, self.cameras, self.tracks, self.displacement))
 
-    @product(reads=("name", "point"), needs=("frames", "points", "tracks", "displacement", "audit"))
+    @product(reads=("name", "point", "view"), needs=("frames", "points", "tracks", "displacement", "audit"))
     def figures(self, session: Session) -> list[Path]:
         """Paths of the pictures of the run, in ``figures/``; none without a folder or displacement."""
         if self.folder is None or self.displacement is None:
@@ -353,7 +353,7 @@ class Measurement(SessionChain):
         self._say("figures")
         about, places = describe_run(session, self.audit), first_places(self.points)
         drawn = save_figures(self.folder, self.tracks, self.displacement, self.frames, places, about=about)
-        return drawn + save_later_points(self.folder, self.points, self.frames.picture)
+        return drawn + save_later_points(self.folder, self.points, self.frames.picture, about=about)
 
     @product(reads=("*",), needs=("cameras", "tracks", "displacement", "audit", "revisit"))
     def summary(self, session: Session) -> dict[str, Any]:

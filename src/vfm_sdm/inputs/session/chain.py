@@ -38,7 +38,7 @@ class SessionChain(Chain[Session]):
 
     def __repr__(self) -> str:
         """What is measured, what of it is made, and the verdict."""
-        made = [name for name in self.products() if name in self._values]
+        made = [name for name in self.products() if name in self._values and self.product(name).kept is not None]
         where = "in memory" if self.folder is None else f"in {self.folder}"
         views, points = len(self._session.view), len(self._session.point)
         return (
@@ -49,8 +49,7 @@ class SessionChain(Chain[Session]):
     def _repr_html_(self) -> str:
         """The same as a table of products, for notebooks."""
         rows = "".join(
-            f"<tr><td><code>{name}</code></td><td>{self._state_of(name)}</td>"
-            f"<td>{escape((self.product(name).__doc__ or '').partition(chr(10))[0])}</td></tr>"
+            f"<tr><td><code>{name}</code></td><td>{self._state_of(name)}</td><td>{escape(self._says(name))}</td></tr>"
             for name in self.products()
         )
         session = self._session
@@ -64,6 +63,10 @@ class SessionChain(Chain[Session]):
             f"{'in memory' if self.folder is None else escape(str(self.folder))}</p>"
             f"<table><thead><tr><th>product</th><th></th><th></th></tr></thead><tbody>{rows}</tbody></table>"
         )
+
+    def _says(self, name: str) -> str:
+        """First line of what is written of a product."""
+        return (self.product(name).__doc__ or "").partition("\n")[0].replace("``", "")
 
     def _state_of(self, name: str) -> str:
         one = self.product(name)

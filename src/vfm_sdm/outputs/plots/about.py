@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-import xarray as xr
-
 from vfm_sdm.core.datasets import START
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.audit import Audit
@@ -53,27 +51,27 @@ class About:
         Names of the points that must not move.
     audit
         Checks and verdict; ``None`` where there are none.
+    start
+        When time is zero (ISO 8601); empty where nobody says.
     """
 
     session: str = ""
     static: frozenset[str] = frozenset()
     audit: Audit | None = None
+    start: str = ""
 
-    def line(self, dataset: xr.Dataset | None = None) -> str:
+    @property
+    def line(self) -> str:
         """Session, date and verdict in one line; empty where none is known.
-
-        Parameters
-        ----------
-        dataset
-            Displacement dataset, shape (T, P, 3) [mm], that may say when time is zero.
 
         Examples
         --------
-        >>> About("footbridge").line(xr.Dataset(attrs={"time_coverage_start": "2026-05-04T12:30:00+00:00"}))
+        >>> About("footbridge", start="2026-05-04T12:30:00+00:00").line
         'footbridge, 2026-05-04 12:30 UTC'
         """
-        begin = "" if dataset is None else str(dataset.attrs.get(START, ""))
-        date = f"{datetime.fromisoformat(begin):%Y-%m-%d %H:%M %Z}" if begin else "date not stated" * bool(self.session)
+        date = "date not stated" * bool(self.session)
+        if self.start:
+            date = f"{datetime.fromisoformat(self.start):%Y-%m-%d %H:%M %Z}"
         verdict = "" if self.audit is None else f"verdict: {self.audit.verdict}"
         return ", ".join(part for part in (self.session, date, verdict) if part)
 
@@ -99,8 +97,9 @@ def describe_run(session: Session, audit: Audit | None) -> About:
     Parameters
     ----------
     session
-        What is measured: its name and its static points.
+        What is measured: its name, its static points, and when its reference view began.
     audit
         Checks and verdict; ``None`` where there are none.
     """
-    return About(session.name, frozenset(point.name for point in session.point if point.static), audit)
+    static = frozenset(point.name for point in session.point if point.static)
+    return About(session.name, static, audit, session.start_attrs.get(START, ""))

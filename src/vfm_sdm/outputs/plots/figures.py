@@ -1,6 +1,6 @@
 """The figures of a run folder, and their files."""
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -73,9 +73,8 @@ def save_figures(
         if view not in frames or view not in tracks_by_view:
             raise DatasetError(f"view {view!r}: expected its first frame and its tracks, got neither or one; pass both")
     drawings: list[tuple[str, Callable[[], Figure]]] = []
-    line = about.line(displacement)
     for view, tracks in tracks_by_view.items():
-        drawings.append((f"trajectory_{file_stem(view)}", partial(_draw_trajectories, view, tracks, about, line)))
+        drawings.append((f"trajectory_{file_stem(view)}", partial(_draw_trajectories, view, tracks, about)))
     if displacement is not None and displacement.sizes["point"] > MOST_FIGURES:
         for axis in list_names(displacement, "axis"):
             stem = f"displacement_overview_{file_stem(axis)}"
@@ -88,11 +87,10 @@ def save_figures(
     for view, points in points_by_view.items():
         # Positions that say whose they are need not be of all points.
         names = list_names(points.to_dataset() if isinstance(points, xr.DataArray) else tracks_by_view[view], "point")
-        which = f"first frame: {line}" if line else "first frame"
-        draw = partial(_draw_points, frames[view], points, names, about.static, f"points in view {view}, {which}")
+        draw = partial(_draw_points, frames[view], points, names, about, f"points in view {view}, first frame")
         drawings.append((f"points_{file_stem(view)}", draw))
     if about.audit is not None:
-        drawings.append(("audit", partial(_draw_audit, about.audit, line)))
+        drawings.append(("audit", partial(_draw_audit, about.audit, about.line)))
     return _write_figures(Path(folder) / "figures", drawings)
 
 
@@ -112,7 +110,7 @@ def first_places(points: xr.Dataset) -> dict[str, xr.DataArray]:
 
 
 def save_later_points(
-    folder: Path | str, points: xr.Dataset, picture: Callable[[str, int], npt.NDArray[Any]]
+    folder: Path | str, points: xr.Dataset, picture: Callable[[str, int], npt.NDArray[Any]], *, about: About = _NOTHING
 ) -> list[Path]:
     """Writes pictures of the points that come into view later, each with its own frame, and returns their paths.
 
@@ -126,6 +124,8 @@ def save_later_points(
         Points dataset, positions of shape (V, P, 2) [px].
     picture
         Function of a view and a number that returns that frame, shape (H, W).
+    about
+        What the figures say of the run.
 
     Raises
     ------
@@ -139,8 +139,9 @@ def save_later_points(
         for number in sorted({*numbers.tolist()} - {0}):
             some = of_view.isel(point=numbers == number)
             names, places = list_names(some, "point"), some["position"].transpose("point", "pixel").values
-            title = f"points in view {view}, frame {number}"
-            draw = partial(_draw_points, picture(view, number), places, names, frozenset(), title)
+            draw = partial(
+                _draw_points, picture(view, number), places, names, about, f"points in view {view}, frame {number}"
+            )
             drawings.append((f"points_{file_stem(view)}_frame_{number}", draw))
     return _write_figures(Path(folder) / "figures", drawings)
 
@@ -157,18 +158,16 @@ def _write_figures(folder: Path, drawings: Sequence[tuple[str, Callable[[], Figu
     return paths
 
 
-def _draw_points(
-    frame: npt.NDArray[Any], points: npt.ArrayLike, names: list[str], static: Set[str], title: str
-) -> Figure:
+def _draw_points(frame: npt.NDArray[Any], points: npt.ArrayLike, names: list[str], about: About, title: str) -> Figure:
     height, width = frame.shape[:2]
     figure = _make_figure(rows_in=min(_WIDTH_IN * height / width, 12.0))
-    axes = plot_points(frame, points, names, figure.add_subplot(), static=[name in static for name in names])
-    legend = "; blue: static" if static & {*names} else ""
-    axes.set_title(plain_text(f"{title}{legend}"), loc="left")
+    axes = plot_points(frame, points, names, figure.add_subplot(), static=[name in about.static for name in names])
+    legend = "; blue: static" if about.static & {*names} else ""
+    _add_head(figure, f"{title}{legend}", [axes], about.line)
     return figure
 
 
-def _draw_trajectories(view: str, tracks: xr.Dataset, about: About, line: str) -> Figure:
+def _draw_trajectories(view: str, tracks: xr.Dataset, about: About) -> Figure:
     names = list_names(tracks, "point")
     shown = names[:_MOST_PANELS]
     figure = _make_figure(rows_in=1.7 * max(len(shown), 1))
@@ -178,7 +177,7 @@ def _draw_trajectories(view: str, tracks: xr.Dataset, about: About, line: str) -
         panel.set_title(plain_text(about.named(point)), loc="left")
         panel.label_outer()
     part = f" ({len(shown)} of {len(names)} points)" if len(shown) < len(names) else ""
-    _add_head(figure, f"image movement in view {view}{part}", panels.tolist(), line)
+    _add_head(figure, f"image movement in view {view}{part}", panels.tolist(), about.line)
     return figure
 
 
@@ -197,7 +196,7 @@ def _draw_displacement(displacement: xr.Dataset, point: str, about: About) -> Fi
             # Times and frequencies stand below the last row.
             panel.set_xlabel(panel.get_xlabel() if axis == axes_names[-1] else "")
     title = f"displacement of {about.named(point)}" + (f" ({frame} axes)" if frame else "")
-    _add_head(figure, title, panels[:, 0].tolist(), about.line(displacement))
+    _add_head(figure, title, panels[:, 0].tolist(), about.line)
     return figure
 
 
@@ -205,7 +204,9 @@ def _draw_audit(audit: Audit, line: str) -> Figure:
     figure = Figure(figsize=(14.0, 1.3 + 0.34 * len(audit.checks)))
     # Names of checks on the left, their sentences on the right.
     figure.subplots_adjust(left=0.17, right=0.52, bottom=0.6 / figure.get_figheight(), top=0.93)
-    plot_audit(audit, figure.add_subplot()).set_title(plain_text(line), loc="right", fontsize="small", color=GREY)
+    plot_audit(audit, figure.add_subplot())
+    top = 1 - 0.15 / figure.get_figheight()
+    figure.text(0.99, top, plain_text(line), ha="right", va="top", fontsize="small", color=GREY)
     return figure
 
 

@@ -83,7 +83,7 @@ def draw_overview(displacement: xr.Dataset, axis: str, about: About) -> Figure:
     positive = positive_direction(frame, axis)
     title = f"{axis} displacement of {len(names)} points" + (f"; positive: {positive}" if positive else "")
     figure.text(0.01, 1 - 0.1 / height_in, plain_text(title), ha="left", va="top", fontsize="large")
-    figure.text(0.99, 1 - 0.12 / height_in, plain_text(about.line(displacement)), ha="right", va="top",
+    figure.text(0.99, 1 - 0.12 / height_in, plain_text(about.line), ha="right", va="top",
                 fontsize="small", color=GREY)  # fmt: skip
     return figure
 

@@ -176,7 +176,8 @@ def plot_spectrum(
         return finish_axes(axes, frequency_hz)
     axes.plot(*reduce_line(frequency_hz, amplitude), color=colour, linewidth=1.0)
     axes.set_yscale("log")
-    axes.set_ylim(_LEAST_SHARE * amplitude.max(), 2 * amplitude.max())
+    lowest = max(_LEAST_SHARE * amplitude.max(), 0.5 * float(np.quantile(amplitude, 0.02)))
+    axes.set_ylim(lowest, 2 * amplitude.max())
     dominant = dominant_frequency(series["time"].values, values)
     if dominant is not None:
         axes.axvline(dominant, color=GREY, linewidth=0.8, linestyle=":")
