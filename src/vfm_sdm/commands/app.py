@@ -90,7 +90,7 @@ def main(words: Sequence[str] | None = None) -> None:
     """
     typed = list(sys.argv[1:] if words is None else words)
     # These two have a form of their own.
-    asked = "--json" in typed and typed[0] not in ("batch", "watch")
+    asked = "--json" in typed and not {"batch", "watch"} & {*typed[:2]}
     try:
         with as_json() if asked else nullcontext():
             app([word for word in typed if word != "--json"] if asked else typed)

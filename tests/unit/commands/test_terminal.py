@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -120,6 +121,17 @@ def test_a_batch_ends_with_the_worst(monkeypatch, tmp_path, command, rows, statu
     monkeypatch.setattr("vfm_sdm.commands.batch.find_sessions", lambda _: {})
     monkeypatch.setattr("vfm_sdm.commands.batch.batch", lambda *_, **__: made)
     assert command("batch", "x", "-o", tmp_path)[0] == status
+
+
+@pytest.mark.parametrize(("verdict", "status"), [(Verdict.REFUSED, 4), (Verdict.CARE, 0), (Verdict.NOT_JUDGED, 0)])
+def test_a_refused_result_has_a_status_of_its_own(monkeypatch, command, tmp_path, verdict, status):
+    result = SimpleNamespace(
+        cameras=None, tracks={}, displacement=None, audit=SimpleNamespace(verdict=verdict), summary={}
+    )
+    for name, value in {"read_session": None, "measure": result, "first_cause": ""}.items():
+        monkeypatch.setattr(cli, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(cli.reports, "measurement_report", lambda _: [])
+    assert command("measure", "session.toml", "-o", tmp_path)[0] == status
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

@@ -570,7 +570,7 @@ def test_too_little_has_no_frequency():
 
 
 def test_frequency_of_malformed_series():
-    with pytest.raises(DatasetError, match="dominant frequency: expected increasing time stamps, one a value, got 2"):
+    with pytest.raises(DatasetError, match="spectrum: expected increasing time stamps, one a value, got 2"):
         dominant_frequency([0.0, 1.0], [1.0, 2.0, 3.0])
     with pytest.raises(DatasetError, match="expected increasing time stamps"):
         dominant_frequency([0.0, 0.0], [1.0, 2.0])
