@@ -33,7 +33,7 @@ from vfm_sdm.inputs.session import (
     write_session,
 )
 from vfm_sdm.inputs.video import Video
-from vfm_sdm.outputs.plots import first_places, save_figures, save_later_points
+from vfm_sdm.outputs.plots import describe_run, first_places, save_figures, save_later_points
 from vfm_sdm.outputs.results import describe_measurement
 from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, REVISIT, TRACKS
 from vfm_sdm.stages.audit import Audit, AuditInputs, audit
@@ -272,7 +272,7 @@ class Measurement(SessionChain):
 
     @product(
         reads=(
-            *("view.name", "point.name", "point.pixel", "point.static", "site.length"),
+            *("view.name", "view.start", "view.use_s", "point.name", "point.pixel", "point.static", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
         needs=("intervals", "cameras", "injected", "steady", "aligned", "refinement", "unrefined", "carried"),
@@ -345,15 +345,15 @@ class Measurement(SessionChain):
         """Change of rest positions since the visit that the session names; ``None`` where it names none."""
         return compare_to_baseline(Visit(session, self.frames, self.cameras, self.tracks, self.displacement))
 
-    @product(needs=("frames", "cameras", "points", "tracks", "displacement", "audit"))
+    @product(reads=("name", "point", "view"), needs=("frames", "points", "tracks", "displacement", "audit"))
     def figures(self, session: Session) -> list[Path]:
         """Paths of the pictures of the run, in ``figures/``; none without a folder or displacement."""
         if self.folder is None or self.displacement is None:
             return []
         self._say("figures")
-        places = first_places(self.points)
-        drawn = save_figures(self.folder, self.tracks, self.displacement, self.frames, places, audit=self.audit)
-        return drawn + save_later_points(self.folder, self.points, self.frames.picture)
+        about, places = describe_run(session, self.audit), first_places(self.points)
+        drawn = save_figures(self.folder, self.tracks, self.displacement, self.frames, places, about=about)
+        return drawn + save_later_points(self.folder, self.points, self.frames.picture, about=about)
 
     @product(reads=("*",), needs=("cameras", "tracks", "displacement", "audit", "revisit"))
     def summary(self, session: Session) -> dict[str, Any]:

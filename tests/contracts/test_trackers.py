@@ -20,8 +20,9 @@ from vfm_sdm.errors import BackendUnavailableError, DatasetError
 from vfm_sdm.inputs.video import open_images
 from vfm_sdm.stages.tracking.base import find_tracker
 
-TRACKERS = [*BUILT_IN["trackers"], "lucas-kanade"]
-"""Those of this package, and the example of CONTRIBUTING.md."""
+TRACKERS = [*(name for name in BUILT_IN["trackers"] if name != "file"), "lucas-kanade"]
+"""Those of this package, and the example of CONTRIBUTING.md; one that only reads tracks sees nothing (its own tests:
+``tests/unit/stages/tracking/test_file_tracker.py``)."""
 SHAPE = (220, 260)
 FRAMES = 12
 POINTS = np.array([[80.25, 90.5], [170.0, 120.75], [120.5, 150.0]])
@@ -180,6 +181,6 @@ def test_points_outside_the_image_are_refused(tracker, clip):
 def test_an_unknown_name_lists_the_known_ones():
     with pytest.raises(
         BackendUnavailableError,
-        match=r"expected one of \['icgn', 'lucas-kanade', 'tapir',.*\], got 'ignc'; did you mean 'icgn'",
+        match=r"expected one of \['file', 'icgn', 'lucas-kanade', 'tapir',.*\], got 'ignc'; did you mean 'icgn'",
     ):
         find_tracker("ignc")

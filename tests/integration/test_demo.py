@@ -10,10 +10,10 @@ import pytest
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.core.statuses import Verdict
-from vfm_sdm.inputs.session import Lens, read_session
+from vfm_sdm.inputs.session import Lens, Method, read_session
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.outputs.report import write_report
-from vfm_sdm.outputs.results import read_summary
+from vfm_sdm.outputs.results import read_summary, write_movement
 from vfm_sdm.stages.cameras.file import read_rig
 from vfm_sdm.stages.lens.file import KnownLens, write_lens
 from vfm_sdm.studies.synthetic.field_test import make_demo
@@ -109,3 +109,19 @@ def test_its_report_shows_both_first_frames_and_is_valid(demo):
     assert len(text) < 5_000_000
     summary = read_summary(demo.run_folder)
     assert summary["session_hash"] in text
+
+
+def test_tracks_of_files_give_the_same_displacement(demo, tmp_path):
+    """Without gains by injected motion, which needs the tracker itself."""
+    session, tracks = demo.measurement.session, demo.measurement.tracks
+    files = dict(zip(tracks, write_movement(tmp_path, tracks), strict=True))
+    with_tracker = session.method.model_copy(update={"injection": False})
+    with_files = Method(**session.method.model_dump() | {"tracker": "file", "file": files, "injection": False})
+    given = Measurement(session.model_copy(update={"method": with_tracker})).given(
+        cameras=demo.measurement.cameras, tracks=tracks, frames=demo.measurement.frames
+    )
+    read = Measurement(session.model_copy(update={"method": with_files})).given(cameras=demo.measurement.cameras)
+    difference = read.displacement["displacement"] - given.displacement["displacement"]
+    assert float(np.abs(difference).max()) < 0.02
+    assert (read.displacement["status"] == 0).equals(given.displacement["status"] == 0)
+    assert read.displacement.attrs["tracker"] == "file"

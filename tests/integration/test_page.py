@@ -215,8 +215,9 @@ def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
             ("From the foot", known.site.longitudinal_distance),
         ):
             person.type(label, length.value)
-        for view in known.view:
+        for number, view in enumerate(known.view, start=1):
             person.choose(f"lens of {view.name}", "focal length and sensor width")
+            _until(lambda number=number: page.get_by_label("focal length [mm]").count() == number, "fields of a lens")
             for label, value in (
                 ("focal length [mm]", view.lens.focal_mm),
                 ("sensor width [mm]", view.lens.sensor_width_mm),
@@ -237,12 +238,17 @@ def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
         person.open("5 Review")
         page.get_by_text(re.compile("fit to use|use with care|do not use")).first.wait_for(timeout=30000)
         page.locator("canvas").first.wait_for()
+        page.get_by_role("button", name="Write report").click()
+        with page.expect_popup() as opened:
+            page.get_by_text("open the report").click()
+        opened.value.get_by_text("1/2 span").first.wait_for()
         person.keep("5-review")
         browser.close()
         assert served.stop() == 0
     assert not errors
     assert asked
     assert all(re.match(r"(http|ws)://127\.0\.0\.1:|data:|blob:", url) for url in asked)
+    assert "1/2 span" in (folder / "run" / "report.html").read_text(encoding="utf-8")
     assert len(list(shots.glob("*.png"))) == 5
 
     written = read_session(session)

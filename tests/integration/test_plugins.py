@@ -180,7 +180,7 @@ except SessionError as error:
     print(error)
 """
     done = subprocess.run([sys.executable, "-c", code, str(recorded)], capture_output=True, text=True, check=True)
-    assert "method.tracker: expected one of ['icgn', " in done.stdout
+    assert "method.tracker: expected one of ['file', 'icgn', " in done.stdout
     assert "got 'lucas-kanade'; choose one of these, or install the package that brings it" in done.stdout
 
 

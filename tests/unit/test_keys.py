@@ -21,7 +21,7 @@ from vfm_sdm.stages.matching.points import named_points
 
 # Fields by name, and the products that read them; `summary` reads all, and `audit` these tables as a whole.
 READERS = {
-    "name": (),
+    "name": ("figures",),
     "view.name": ("recordings", "cameras", "aligned", "displacement", "intervals", "audit"),
     "view.video": ("recordings", "intervals", "audit"),
     "view.images": ("recordings", "cameras", "intervals", "audit"),
@@ -35,8 +35,8 @@ READERS = {
     "view.stands": ("cameras", "intervals", "audit"),
     "view.time_offset_s": ("aligned", "intervals", "audit"),
     "view.time_offset_std_s": ("aligned", "intervals", "audit"),
-    "view.start": ("aligned", "intervals", "audit"),
-    "view.use_s": ("recordings", "aligned", "intervals", "audit"),
+    "view.start": ("aligned", "displacement", "intervals", "audit"),
+    "view.use_s": ("recordings", "aligned", "displacement", "intervals", "audit"),
     "site": ("cameras", "intervals", "audit"),
     "site.length": ("cameras", "displacement", "intervals", "audit"),
     "point.name": ("expectation", "cameras", "points", "steady", "aligned", "displacement", "intervals", "audit"),

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from faults import FAULTS, good_run
-from measurements import MOVING, Simulated, measured
+from measurements import MOVING, Simulated, measured, simulate
 from vfm_sdm.core.statuses import Outcome
+from vfm_sdm.inputs.session import Session
+from vfm_sdm.measurement import Measurement
 from vfm_sdm.stages.camera_motion import steady_tracks
 
 
@@ -45,3 +47,28 @@ def test_without_static_points_nothing_is_looked_for():
     assert (steady.tracks, steady.views) == (run.tracks, {})
     unknown = steady_tracks(run.tracks, None, ["s0"])
     assert (unknown.tracks, unknown.views) == (run.tracks, {})
+
+
+def test_a_measurement_says_what_it_is():
+    session = Session(
+        name="bridge <1>",
+        view=[{"name": view, "video": f"{view}.mp4"} for view in ("left", "right")],
+        point=[{"name": "mid & end", "view": "left", "pixel": [1.0, 2.0], "static": True}],
+        site={"baseline": {"value": 4.0, "std": 0.01}},
+    )
+    measurement = Measurement(session).given(tracks={})
+    assert repr(measurement) == "<Measurement 'bridge <1>': views 2, points 1, in memory; made: tracks>"
+    html = measurement._repr_html_()
+    assert "bridge &lt;1&gt;" in html
+    assert "mid &amp; end (static)" in html
+    assert html.count("<tr>") == 1 + len(Measurement.products())
+    assert "<code>tracks</code></td><td>given<" in html
+    assert "<code>cameras</code></td><td>not yet<" in html
+
+
+def test_a_verdict_is_part_of_what_it_says():
+    simulated = simulate(3)
+    measurement = measured(simulated.session, simulated.tracks, simulated.solution)
+    assert measurement.audit is not None
+    assert repr(measurement).endswith(f"; {measurement.audit.verdict}>")
+    assert f"; {measurement.audit.verdict}<br>" in measurement._repr_html_()

@@ -1,6 +1,7 @@
 """The commands ``accept`` and ``verify``: tests of a finished run."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -8,12 +9,12 @@ import cyclopts
 import numpy as np
 from cyclopts import Parameter
 from rich import box
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.acceptance import (
     Acceptance,
+    AcceptanceRow,
     AcceptedRun,
     check_budget,
     check_lengths,
@@ -24,6 +25,7 @@ from vfm_sdm.analysis.acceptance import (
     read_steps,
     write_acceptance,
 )
+from vfm_sdm.commands.terminal import Ending, Terminal, shown_rows
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.stages.cameras.solution import read_solution
 from vfm_sdm.studies.verification import read_budget_model, verify_run
@@ -39,10 +41,13 @@ _Run = Annotated[Path, Parameter(help="Run folder with displacement.nc.")]
 _Limit = Annotated[
     float | None, Parameter(name="--limit", help="Largest amount in mm; what the run itself states when left out.")
 ]
-_STATUS = {Outcome.PASS: 0, Outcome.FAIL: 1, Outcome.NOT_POSSIBLE: 3}
+_STATUS = {Outcome.PASS: Ending.DONE, Outcome.FAIL: Ending.ERROR, Outcome.NOT_POSSIBLE: Ending.NO_RESULT}
 _STYLE = {Outcome.PASS: "green", Outcome.FAIL: "red"}
 
-_out = Console(markup=False)
+_MOST_ROWS = 60
+"""Rows that a table shows."""
+
+_out = Terminal()
 
 
 @accept.command(name="noise-floor")
@@ -109,10 +114,10 @@ def verify(run: Annotated[Path, Parameter(help="Run folder; nothing is written t
     same = sum(finding.outcome is Outcome.PASS for finding in found.findings)
     if found.differing:
         _out.print(f"verify: {len(found.differing)} differ, {same} agree", style="bold red", highlight=False)
-        sys.exit(1)
+        sys.exit(Ending.ERROR)
     if not found.recomputed:
         _out.print(f"verify: {same} agree, displacement could not be computed anew", style="yellow", highlight=False)
-        sys.exit(3)
+        sys.exit(Ending.NO_RESULT)
     _out.print(f"verify: all {same} comparisons agree", style="bold green", highlight=False)
 
 
@@ -136,9 +141,20 @@ def _tabulate(result: Acceptance) -> Table:
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("of", "figure", "value", "limit", "unit", ""):
         table.add_column(Text(name), justify="right" if name in ("value", "limit") else "left")
-    for row in result.rows:
+    rows = _shown(result.rows)
+    for row in rows:
         shown = ["-" if np.isnan(value) else f"{value:.4g}" for value in (row.value, row.limit)]
         style = _STYLE.get(row.outcome, "yellow")
         outcome = Text(str(row.outcome), style=style)
         table.add_row(Text(row.subject), row.quantity, *shown, row.units, outcome)
+    if len(rows) < len(result.rows):
+        left = len(result.rows) - len(rows)
+        table.caption, table.caption_justify = f"... and {left} more; all in acceptance_{result.name}.json", "left"
     return table
+
+
+def _shown(rows: Sequence[AcceptanceRow]) -> Sequence[AcceptanceRow]:
+    """All rows where there is room for them, else what was not passed first."""
+    if len(rows) <= _MOST_ROWS or shown_rows(len(rows)) == len(rows):
+        return rows
+    return sorted(rows, key=lambda row: row.outcome is Outcome.PASS)[:_MOST_ROWS]

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Literal, NoReturn
 
@@ -18,6 +19,7 @@ from vfm_sdm.commands.acceptance import accept, verify
 from vfm_sdm.commands.batch import batch_command
 from vfm_sdm.commands.demo import run_demo
 from vfm_sdm.commands.environment import describe_environment
+from vfm_sdm.commands.frames import frames
 from vfm_sdm.commands.lens import lens
 from vfm_sdm.commands.options import ClockOptions, RecipeOptions, WorkerOptions, name_values
 from vfm_sdm.commands.page import page_command
@@ -25,15 +27,17 @@ from vfm_sdm.commands.planning import plan
 from vfm_sdm.commands.points import points
 from vfm_sdm.commands.progress import show_progress
 from vfm_sdm.commands.report import report
+from vfm_sdm.commands.terminal import Ending, Terminal, as_json
 from vfm_sdm.commands.watch import watch
 from vfm_sdm.core.registry import find
 from vfm_sdm.core.sensor_datasets import SensorUnits
+from vfm_sdm.core.statuses import Verdict
 from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
-from vfm_sdm.outputs.results import first_cause, write_export
+from vfm_sdm.outputs.results import first_cause, write_export, write_movement
 from vfm_sdm.studies.protocol import run_benchmark
 from vfm_sdm.studies.synthetic.presets import PRESETS, PresetName
 
@@ -41,8 +45,15 @@ __all__ = ["app", "main"]
 
 app = cyclopts.App(
     name="vfm-sdm",
-    help="Structural displacement in millimetres from two ordinary cameras and one measured length.",
+    help="Structural displacement in millimetres from two ordinary cameras and one measured length.\n\n"
+    "Every command takes --json: its tables are one JSON object then. Exit status: 0 done, 1 the input cannot be used "
+    "or a test was not passed, 3 the data did not allow a result, 4 the audit says not to use the result, 130 "
+    "interrupted.",
     version=__version__,
+    # Nobody needs a word for an empty list.
+    default_parameter=Parameter(negative_iterable=()),
+    # Else its message would be swallowed.
+    suppress_keyboard_interrupt=False,
 )
 
 weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundation models: list and fetch them.")
@@ -52,6 +63,7 @@ app.command(page_command, name="page")
 app.command(accept)
 app.command(verify)
 app.command(report)
+app.command(frames)
 app.command(lens)
 app.command(plan)
 app.command(points)
@@ -63,29 +75,35 @@ _WholeFiles = Annotated[
     bool, Parameter(negative="", help="Hash large recordings as a whole, not by size, time stamp and samples.")
 ]
 
+_MOVEMENT = "movement"
+"""Export of tracks; all others are of displacement."""
+
 _RECIPE, _CLOCK, _WORKERS = RecipeOptions(), ClockOptions(), WorkerOptions()
 
-# Names in square brackets are names, no markup.
-_out = Console(markup=False)
+_out = Terminal()
 _err = Console(stderr=True, markup=False)
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Entry point: runs a command; an expected error ends with status 1 and its message alone.
+    """Entry point: runs a command; an expected error ends with status 1 and its message alone, Ctrl-C with 130.
 
     Parameters
     ----------
     words
         The command line without the program's name; that of the process when ``None``.
     """
+    typed = list(sys.argv[1:] if words is None else words)
+    # These two have a form of their own.
+    asked = "--json" in typed and not {"batch", "watch"} & {*typed[:2]}
     try:
-        app(words)
+        with as_json() if asked else nullcontext():
+            app([word for word in typed if word != "--json"] if asked else typed)
     except VfmSdmError as error:
         _err.print(f"vfm-sdm: {error}", style="red", highlight=False, soft_wrap=True)
-        sys.exit(1)
+        sys.exit(Ending.ERROR)
     except KeyboardInterrupt:
         _err.print("vfm-sdm: interrupted; finished stages are kept and the next run reuses them")
-        sys.exit(130)
+        sys.exit(Ending.INTERRUPTED)
 
 
 @app.command
@@ -107,7 +125,11 @@ def measure_command(
     output: _Output,
     export: Annotated[
         tuple[str, ...],
-        Parameter(help="Also write displacement.mat, displacement.uff (UFF 58), or what other packages write."),
+        Parameter(
+            negative="",
+            help="Also write displacement.mat, displacement.uff, or what other packages write (again for each); "
+            "movement: tracks as movement_VIEW.nc, for the package movement or plain xarray.",
+        ),
     ] = (),
     csv_every: Annotated[
         int, Parameter(help="Write every N-th frame to displacement.csv; the netCDF file has all of them.")
@@ -122,7 +144,8 @@ def measure_command(
     settings = read_session(session)
     if csv_every < 1:
         raise SessionError(f"--csv-every: expected 1 or more, got {csv_every}; leave it out to write every frame")
-    for form in export:
+    of_displacement = [form for form in export if form != _MOVEMENT]
+    for form in of_displacement:
         find("writers", form)  # before any work is done
     with show_progress() as progress, work.executor() as executor:
         result = measure(
@@ -136,13 +159,17 @@ def measure_command(
     for part in reports.measurement_report(result):
         _out.print(part)
     _say(f"written: {output} (figures in {output / 'figures'})")
+    if _MOVEMENT in export:
+        _say(f"written: {', '.join(map(str, write_movement(output, result.tracks)))}")
     if result.displacement is not None:
         if csv_every > 1:
             write_export("csv", output, result.displacement.isel(time=slice(None, None, csv_every)))
-        for form in export:
+        for form in of_displacement:
             _say(f"written: {write_export(form, output, result.displacement)}")
     if cause := first_cause(result.cameras, result.tracks, result.displacement):
         _fail(f"no sample is ok: {cause}")
+    if result.audit is not None and result.audit.verdict is Verdict.REFUSED:
+        sys.exit(Ending.REFUSED)
 
 
 @app.command
@@ -158,7 +185,15 @@ def cameras(session: _SessionFile, *, output: _Output, whole_files: _WholeFiles 
 
 @app.command
 def track(
-    session: _SessionFile, *, output: _Output, whole_files: _WholeFiles = False, work: WorkerOptions = _WORKERS
+    session: _SessionFile,
+    *,
+    output: _Output,
+    export: Annotated[
+        tuple[Literal["movement"], ...],
+        Parameter(negative="", help="Also write movement_VIEW.nc, for the package movement or plain xarray."),
+    ] = (),
+    whole_files: _WholeFiles = False,
+    work: WorkerOptions = _WORKERS,
 ) -> None:
     """Follow the points in every view: writes cameras.toml, points.nc and tracks.nc. Works with a single view, too."""
     settings = read_session(session)
@@ -166,7 +201,8 @@ def track(
         measurement = Measurement(settings, output, progress=progress, whole_files=whole_files, executor=executor)
         tracks = measurement.run("tracks").tracks
     _out.print(reports.track_table(tracks))
-    _say(f"written: {output / 'tracks.nc'}")
+    written = [output / "tracks.nc", *(write_movement(output, tracks) if export else ())]
+    _say(f"written: {', '.join(map(str, written))}")
 
 
 @app.command
@@ -333,4 +369,4 @@ def _note(notes: Sequence[str]) -> None:
 def _fail(reason: str) -> NoReturn:
     """Ends with status 3: the input was right, the data did not allow a result."""
     _err.print(f"vfm-sdm: {reason}", style="red", highlight=False, soft_wrap=True)
-    sys.exit(3)
+    sys.exit(Ending.NO_RESULT)

@@ -16,14 +16,13 @@ from rich.text import Text
 
 from vfm_sdm.commands.options import WorkerOptions
 from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.commands.terminal import Ending
 from vfm_sdm.core.statuses import SessionOutcome, Verdict
 from vfm_sdm.inputs.session import read_defaults
 from vfm_sdm.studies.batch import BatchRow, batch, find_sessions
 
 __all__ = ["batch_command"]
 
-_STATUS = {SessionOutcome.FAILED: 1, SessionOutcome.NO_RESULT: 3}
-"""Exit status for the worst that became of a session, that first."""
 _STYLE = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.NOT_JUDGED: "yellow"}
 
 _WORKERS = WorkerOptions()
@@ -41,7 +40,8 @@ def batch_command(
     """Measure many sessions, each into a run folder of its own; a table at the end, also in batch.csv.
 
     What is finished is reused unless its inputs changed, and one failure does not stop the others. Exit status: 0 where
-    every session gave a result, 1 where one of them failed, else 3 where the data of one did not allow a result.
+    every session gave a result that can be used, 1 where one of them failed, else 3 where the data of one did not
+    allow a result, else 4 where the audit of one says not to use it.
     """
     found = find_sessions(sessions)
     common = None if defaults is None else read_defaults(defaults)
@@ -65,7 +65,17 @@ def batch_command(
             if row.reason:
                 _out.print(f"{row.session}: {row.reason}", style="red", highlight=False, soft_wrap=True)
         _out.print(f"written: {output / 'batch.csv'}", highlight=False, soft_wrap=True)
-    sys.exit(next((status for outcome, status in _STATUS.items() if outcome in {row.outcome for row in rows}), 0))
+    sys.exit(_ending(rows))
+
+
+def _ending(rows: Sequence[BatchRow]) -> Ending:
+    """Exit status for the worst that became of a session."""
+    outcomes = {row.outcome for row in rows}
+    if SessionOutcome.FAILED in outcomes:
+        return Ending.ERROR
+    if SessionOutcome.NO_RESULT in outcomes:
+        return Ending.NO_RESULT
+    return Ending.REFUSED if Verdict.REFUSED in {row.verdict for row in rows} else Ending.DONE
 
 
 def _tabulate(rows: Sequence[BatchRow]) -> Table:

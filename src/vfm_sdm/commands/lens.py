@@ -10,6 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from vfm_sdm.commands.terminal import Ending, Terminal
 from vfm_sdm.core.files import write_file
 from vfm_sdm.core.threads import small_algebra
 from vfm_sdm.inputs.video import Video, open_video
@@ -23,7 +24,7 @@ __all__ = ["lens"]
 
 _SCENE = PanScene()
 
-_out = Console(markup=False)
+_out = Terminal()
 _err = Console(stderr=True, markup=False)
 
 
@@ -47,7 +48,7 @@ def lens(
         for note in estimate.notes:
             _err.print(f"note: {note}", style="yellow", highlight=False)
         _err.print(f"vfm-sdm: no lens: {estimate.status}", style="red", highlight=False, soft_wrap=True)
-        sys.exit(3)
+        sys.exit(Ending.NO_RESULT)
     known = KnownLens(estimate.camera, estimate.covariance)
     settings = {"nearest_m": nearest, "farthest_m": farthest, "lever_std_m": lever}
     notes = [*estimate.notes, *estimate.advice]

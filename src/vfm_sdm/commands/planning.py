@@ -8,11 +8,12 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 from rich import box
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.commands.terminal import Ending, Terminal
 from vfm_sdm.studies.planning.advice import view_angles
 from vfm_sdm.studies.planning.from_run import plan_from_run
 from vfm_sdm.studies.planning.plan import read_plan
@@ -22,7 +23,7 @@ __all__ = ["plan"]
 
 _MOST_ADVICE = 6
 _LEAST_SHARE = 0.01
-_out = Console(markup=False)
+_out = Terminal()
 
 
 def plan(
@@ -44,7 +45,7 @@ def plan(
     _out.print(f"written: {', '.join(map(str, written))}", highlight=False, soft_wrap=True)
     if report.rehearsal is not None and not np.isfinite(report.rehearsal.ratio):
         _out.print(f"no rehearsal: {report.rehearsal.status}", style="red", highlight=False)
-        sys.exit(3)
+        sys.exit(Ending.NO_RESULT)
 
 
 def _report(report: PlanReport) -> Iterator[RenderableType]:

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.commands.terminal import Ending, Terminal
 from vfm_sdm.errors import CameraError, DatasetError, SessionError
 from vfm_sdm.inputs.session import read_session, write_session
 from vfm_sdm.studies.planning.suggested_picture import write_picture
@@ -22,7 +23,7 @@ __all__ = ["points"]
 
 points = cyclopts.App(name="points", help="Points of a session: find places that are worth measuring.")
 
-_out = Console(markup=False)
+_out = Terminal()
 _err = Console(stderr=True, markup=False)
 
 
@@ -46,7 +47,7 @@ def suggest(
     except (CameraError, DatasetError) as error:
         # The input was right, the pictures did not allow a result.
         _err.print(f"vfm-sdm: {error}", style="red", highlight=False, soft_wrap=True)
-        sys.exit(3)
+        sys.exit(Ending.NO_RESULT)
     _out.print(_tabulate(found))
     for note in found.notes:
         _out.print(f"note: {note}", style="yellow", highlight=False)

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.evaluation import Evaluation, EvaluationRow
+from vfm_sdm.commands.terminal import say_rest, shown_rows
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
 from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, RevisitStatus, Verdict
 from vfm_sdm.measurement import Measurement
@@ -156,9 +157,12 @@ def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[R
     if solution.quantities:
         yield table
     if not notes:
-        for (view, point), state in solution.points["status"].to_series().items():
-            if state not in (PointStatus.OK, PointStatus.NOT_LOOKED_FOR):
-                yield Text(f"point {point!r} in view {view!r}: {state}", style="red")
+        states = solution.points["status"].to_series()
+        wrong = states[~states.isin([PointStatus.OK, PointStatus.NOT_LOOKED_FOR])]
+        for (view, point), state in wrong[: shown_rows(len(wrong))].items():
+            yield Text(f"point {point!r} in view {view!r}: {state}", style="red")
+        if len(wrong) > shown_rows(len(wrong)):
+            yield Text(f"... and {len(wrong) - shown_rows(len(wrong))} more; all in points.nc", style="red")
     if notes:
         for note in solution.notes:
             yield Text(f"note: {note}", style="yellow")
@@ -172,12 +176,14 @@ def revisit_table(revisit: Revisit) -> Table:
     for axis in revisit.axes:
         table.add_column(Text(axis), justify="right", overflow="fold")
     table.add_column(Text(""), overflow="fold")
-    for one in revisit.changes:
+    for one in revisit.changes[: shown_rows(len(revisit.changes))]:
         ok = one.status is RevisitStatus.OK
         pairs = zip(one.change_mm, one.std_mm, strict=True)
         cells = [f"{change:.2f} +- {COVERAGE_FACTOR * std:.2f}" if ok else "-" for change, std in pairs]
         table.add_row(Text(one.point), *cells, Text("" if ok else str(one.status), style="red"))
-    table.caption, table.caption_justify = Text("\n".join(_explain_revisit(revisit))), "left"
+    left = len(revisit.changes) - shown_rows(len(revisit.changes))
+    rest = [f"... and {left} more points; all in revisit.csv"] if left > 0 else []
+    table.caption, table.caption_justify = Text("\n".join([*rest, *_explain_revisit(revisit)])), "left"
     return table
 
 
@@ -202,10 +208,11 @@ def expectation_table(expected: Mapping[str, xr.Dataset]) -> Table:
     for name in ("view", "point", "expected"):
         table.add_column(Text(name))
     for view, subsets in expected.items():
-        for name in subsets["point"].values:
+        for name in subsets["point"].values[: shown_rows(subsets.sizes["point"])]:
             words, worth = describe_expectation(subsets.sel(point=name))
             table.add_row(view, str(name), Text(words, style=_COLOURS[worth]))
-    return table
+    most = max((subsets.sizes["point"] for subsets in expected.values()), default=0)
+    return say_rest(table, most, "the run folder when they are measured")
 
 
 def displacement_table(displacement: xr.Dataset) -> Table:
@@ -232,7 +239,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
             _add_name_column(table, name, displacement["point"].values)
         else:
             table.add_column(Text(name), justify="left" if name == "axis" else "right", no_wrap=name == "axis")
-    for point, figures in summarize_displacement(displacement).items():
+    for point, figures in summarize_displacement(_first(displacement)).items():
         for number, (axis, values) in enumerate(figures["axes"].items()):
             table.add_row(
                 point if number == 0 else "",
@@ -245,7 +252,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
                 _number(values["dominant_frequency_hz"], "{:.2f}"),
                 _number(figures["coverage_valid"], "{:.0f}", 100),
             )
-    return table
+    return say_rest(table, displacement.sizes["point"], "summary.json")
 
 
 def budget_table(displacement: xr.Dataset) -> Table:
@@ -262,7 +269,7 @@ def budget_table(displacement: xr.Dataset) -> Table:
     table.add_column(Text("axis"), no_wrap=True)
     for name in (*components, "k = 2"):
         table.add_column(Text(_SHORT.get(name, name)), justify="right", no_wrap=True)
-    for point, figures in summarize_displacement(displacement).items():
+    for point, figures in summarize_displacement(_first(displacement)).items():
         for number, (axis, values) in enumerate(figures["axes"].items()):
             budget = values["budget_mm"] or {}
             parts = [budget.get(name) for name in components]
@@ -272,7 +279,12 @@ def budget_table(displacement: xr.Dataset) -> Table:
             )
             cells = [_number(part, "{:.3f}") for part in (*parts, expanded)]
             table.add_row(point if number == 0 else "", axis, *cells)
-    return table
+    return say_rest(table, displacement.sizes["point"], "summary.json")
+
+
+def _first(dataset: xr.Dataset) -> xr.Dataset:
+    """The points that a table has room for."""
+    return dataset.isel(point=slice(shown_rows(dataset.sizes["point"])))
 
 
 def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
@@ -284,7 +296,7 @@ def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
         else:
             table.add_column(Text(name), justify="left" if name == "view" else "right")
     for view, of_view in tracks.items():
-        for point in of_view["point"].values:
+        for point in _first(of_view)["point"].values:
             one = of_view.sel(point=point)
             position, status = one["position"].values, one["status"].values
             found = np.isfinite(position).all(axis=1)
@@ -293,7 +305,7 @@ def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
             std = float(np.sqrt(np.median(variance))) if found.any() else float("nan")
             counts = [str(int((status == code).sum())) for code in range(Status.UNRELIABLE + 1)]
             table.add_row(view, str(point), f"{span[0]:.2f}", f"{span[1]:.2f}", f"{std:.4f}", *counts)
-    return table
+    return say_rest(table, max((of_view.sizes["point"] for of_view in tracks.values()), default=0), "tracks.nc")
 
 
 def reference_table(reference: xr.Dataset) -> Table:
@@ -338,16 +350,17 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     table.add_column("axis", no_wrap=True)
     for name in ("NRMSE", "corr.", "RPPAE", "gain", "skill", "lag ms", "cover %", "RMS mm"):
         table.add_column(name, justify="right", no_wrap=True)
-    previous = None
-    for row in evaluation.rows:
+    previous, points = None, list(dict.fromkeys(row.point for row in evaluation.rows))
+    shown = {*points[: shown_rows(len(points))]}
+    for row in (row for row in evaluation.rows if row.point in shown):
         table.add_row("" if row.point == previous else row.point, row.axis, *_figures(row))
         previous = row.point
     table.add_section()
     metrics = evaluation.mean_and_std().values()
     counted = f"{len(evaluation.scored_rows)} of {len(evaluation.rows)}"
     table.add_row("mean", counted, *(_number(mean, "{:.3f}") for mean, _ in metrics))
-    table.add_row("std", "", *(_number(std, "{:.3f}") for _, std in metrics))
-    return table
+    table.add_row("std", "", *(_number(std, "{:.3f}") for _, std in metrics), end_section=True)
+    return say_rest(table, len(points), "evaluation.json")
 
 
 def weights_table() -> Table:

@@ -39,6 +39,7 @@ from vfm_sdm.errors import DatasetError
 __all__ = [
     "CAMERA_AXES",
     "PIXEL",
+    "START",
     "STATUS_MEANINGS",
     "STRUCTURE_AXES",
     "UNMEASURED_STD_PX",
@@ -58,6 +59,8 @@ __all__ = [
 ]
 
 PIXEL = ("u", "v")
+START = "time_coverage_start"
+"""Attribute of tracks and displacement with the date and time of time zero, where the session states it (ISO 8601)."""
 STRUCTURE_AXES = ("lateral", "vertical", "longitudinal")
 CAMERA_AXES = ("right", "down", "forward")
 UNMEASURED_STD_PX = 1000.0

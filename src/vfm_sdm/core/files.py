@@ -17,9 +17,12 @@ from vfm_sdm.errors import ResultsError
 
 __all__ = [
     "csv_text",
+    "distinct_stem",
     "file_fingerprint",
     "file_hash",
+    "file_stem",
     "match_files",
+    "natural_key",
     "remove_orphans",
     "replace_file",
     "write_file",
@@ -30,6 +33,7 @@ _BLOCK_BYTES = 1 << 20
 _WHOLE_BYTES = 16 << 20
 """Files up to this size are always read whole."""
 _SAMPLES, _SAMPLE_BYTES = 64, 64 << 10
+_STEM_BYTES = 120
 _TEMPORARY = re.compile(r"\..+-[0-9a-f]{8}(\.\w+)?")
 """Names that `replace_file` gives to what it has not finished."""
 
@@ -297,3 +301,62 @@ def _convert_for_json(value: Any, label: str) -> Any:
     if isinstance(value, Path):
         return value.as_posix()
     raise ResultsError(f"{label}: expected text, numbers, lists or tables, got {type(value).__name__}; convert it")
+
+
+def file_stem(name: str) -> str:
+    """A name as part of a file name.
+
+    Parameters
+    ----------
+    name
+        Name of a view or a point.
+
+    Examples
+    --------
+    >>> file_stem("1/2 span")
+    '1-2_span'
+    """
+    stem = re.sub(r"[^\w.+-]", "-", re.sub(r"\s+", "_", name.strip()))
+    short = stem.encode()[:_STEM_BYTES].decode(errors="ignore")  # file systems allow 255 bytes, with all around it
+    return short.strip(".") or "unnamed"
+
+
+def distinct_stem(stem: str, taken: set[str]) -> str:
+    """A file name's stem that no other has: two names may become one, at the latest where file systems ignore case.
+
+    Parameters
+    ----------
+    stem
+        The wanted stem.
+    taken
+        Stems that are taken, without case; the new one is added.
+
+    Examples
+    --------
+    >>> taken = set()
+    >>> [distinct_stem(stem, taken) for stem in ("left", "Left")]
+    ['left', 'Left_2']
+    """
+    unique, number = stem, 2
+    while unique.casefold() in taken:
+        unique, number = f"{stem}_{number}", number + 1
+    taken.add(unique.casefold())
+    return unique
+
+
+def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """What files are sorted by so that numbers in their names count by value, and stand before text.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Examples
+    --------
+    >>> [one.name for one in sorted([Path("10.png"), Path("9.png")], key=natural_key)]
+    ['9.png', '10.png']
+    """
+    # The name itself decides between 1 and 01.
+    pieces = [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", str(path)) if p]
+    return pieces, str(path)

@@ -11,6 +11,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import time_blocks
 from vfm_sdm.core.block_files import BlockFile, time_variables
+from vfm_sdm.core.cf import CONVENTIONS, described, undescribed
 from vfm_sdm.core.datasets import check_displacement, check_points, check_tracks
 from vfm_sdm.core.files import replace_file, write_file
 from vfm_sdm.core.stored import JSON, check_seal, decoded, restored, seal_file, sealed, storable, unsealed
@@ -63,9 +64,9 @@ def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
     ...     print(read_dataset(path, lambda found: found, kind="lengths", command="make").attrs)
     {'notes': ['measured', None]}
     """
-    stored = storable(dataset)
+    stored = storable(described(dataset))
     if stored.nbytes > _LONG_BYTES and "time" in stored.dims:
-        return _write_in_blocks(Path(path), dataset)
+        return _write_in_blocks(Path(path), described(dataset))
     content = stored.to_netcdf(engine=_ENGINE, encoding=_choose_compression(stored))
     return write_file(path, sealed(content))
 
@@ -103,7 +104,7 @@ def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *,
         _open_sealed(Path(path), kind, command) as stream,
         xr.open_dataset(stream, engine=_ENGINE, decode_times=False) as dataset,
     ):
-        return check(restored(dataset.load()))
+        return check(undescribed(restored(dataset.load())))
 
 
 def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -> Path:
@@ -139,8 +140,13 @@ def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -
     for name in tracks_by_view:
         if not name or "/" in name or name == ".":
             raise ResultsError(f"{target}: expected view names without slashes, got {name!r}; rename the view")
-    groups = {f"/{name}": storable(check_tracks(tracks)) for name, tracks in tracks_by_view.items()}
-    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"views": JSON + json.dumps(list(tracks_by_view))}), **groups})
+    groups = {f"/{name}": storable(described(check_tracks(tracks))) for name, tracks in tracks_by_view.items()}
+    tree = xr.DataTree.from_dict(
+        {
+            "/": xr.Dataset(attrs={"Conventions": CONVENTIONS, "views": JSON + json.dumps(list(tracks_by_view))}),
+            **groups,
+        }
+    )
     encoding: dict[str, Any] = {name: _choose_compression(group) for name, group in groups.items()}
     return write_file(target, sealed(tree.to_netcdf(engine=_ENGINE, encoding=encoding)))
 
@@ -169,7 +175,7 @@ def read_tracks(path: Path | str) -> dict[str, xr.Dataset]:
         xr.open_datatree(stream, engine=_ENGINE, decode_times=False) as tree,
     ):
         views = decoded(tree.attrs).get("views", list(tree.children))
-        return {name: check_tracks(restored(tree.children[name].to_dataset().load())) for name in views}
+        return {name: check_tracks(undescribed(restored(tree.children[name].to_dataset().load()))) for name in views}
 
 
 def open_tracks(path: Path | str) -> dict[str, xr.Dataset]:
@@ -221,7 +227,7 @@ def open_displacement(path: Path | str) -> xr.Dataset:
 
 def _open(file: Path, group: str) -> xr.Dataset:
     # Without a cache: what was looked at once need not stay in memory.
-    return restored(xr.open_dataset(file, group=group, engine=_ENGINE, decode_times=False, cache=False))
+    return undescribed(restored(xr.open_dataset(file, group=group, engine=_ENGINE, decode_times=False, cache=False)))
 
 
 def write_points(folder: Path | str, points: xr.Dataset) -> Path:

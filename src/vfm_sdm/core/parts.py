@@ -199,6 +199,7 @@ _TRACKERS = {
         ("network.weights", "network.device"),
         needs=Needs("vfm", ("torch",), ("bootstapir",)),
     ),
+    "file": Part(_STAGES + "tracking.file:FileTracker", settings=_STAGES + "tracking.file:TrackFiles"),
     "vggt+icgn": _polished("vggt"),
     "tapir+icgn": _polished("tapir"),
 }
@@ -239,11 +240,11 @@ _FEATURES = {
     "superpoint+lightglue": _superpoint("lightglue"),
     "superpoint+superglue": _superpoint("superglue"),
 }
-_EXPORTS = "vfm_sdm.outputs.results.exports:"
+_RESULTS = "vfm_sdm.outputs.results."
 _WRITERS = {
-    "csv": Part(_EXPORTS + "to_csv"),
-    "mat": Part(_EXPORTS + "to_mat"),
-    "uff": Part(_EXPORTS + "to_uff"),
+    "csv": Part(_RESULTS + "exports:to_csv"),
+    "mat": Part(_RESULTS + "exports:to_mat"),
+    "uff": Part(_RESULTS + "universal:to_uff"),
 }
 _AUDIT = _STAGES + "audit."
 _CHECKS = {

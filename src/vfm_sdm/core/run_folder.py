@@ -20,7 +20,7 @@ SESSION = "session.resolved.toml"
 
 _SUMMARY, _FIGURES = "summary.json", "figures"
 _RESULTS = (
-    *("displacement.*", "revisit.csv", "evaluation.json", "acceptance_*.json", _SUMMARY),
+    *("displacement.*", "movement_*.nc", "revisit.csv", "evaluation.json", "acceptance_*.json", _SUMMARY),
     *("report.html", "report.pdf"),
     *(f"{_FIGURES}/{stem}.png" for stem in ("trajectory_*", "displacement_*", "points_*", "audit")),
 )

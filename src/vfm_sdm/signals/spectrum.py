@@ -103,22 +103,11 @@ def dominant_frequency(time_s: npt.ArrayLike, values: npt.ArrayLike) -> float | 
     >>> round(frequency_hz, 2)
     3.2
     """
-    clock, series = as_float_array(time_s, "time_s", (None,)), as_float_array(values, "values", (None,))
-    if clock.shape != series.shape or np.any(np.diff(clock) <= 0):
-        raise DatasetError(
-            f"dominant frequency: expected increasing time stamps, one a value, got {clock.size} stamps for "
-            f"{series.size} values; sort or cut them"
-        )
-    found = np.flatnonzero(np.isfinite(series))
-    if found.size < 2 or clock[found[-1]] - clock[found[0]] < _SHORTEST_S:
+    found = _even_series(time_s, values)
+    if found is None:
         return None
-    count = int(found[-1] - found[0]) + 1
-    if found.size < _FEWEST_VALID * count:
-        return None
-    # The mean, because containers round stamps: at 60 frames a second the median of rounded intervals is 17 ms.
-    grid: FloatArray = np.linspace(clock[found[0]], clock[found[-1]], count)
-    interval = float(grid[1] - grid[0])
-    even: FloatArray = np.interp(grid, clock[found], series[found])
+    even, interval = found
+    count = even.size
     padded = next_fast_len(_ZERO_PADDING * count, real=True)
     power = np.abs(rfft(detrend(even) * np.hanning(count), padded)) ** 2
     lowest = int(np.ceil(_FEWEST_CYCLES * padded / count))
@@ -156,6 +145,11 @@ def amplitude_spectrum(
         Shapes (F,) [Hz] and (F,) in the unit of the series; empty where fewer than 80 % of the frames have a value, or
         the values span less than 2 s.
 
+    Raises
+    ------
+    DatasetError
+        The lengths differ or the time stamps do not increase.
+
     Notes
     -----
     Evenly spaced by linear interpolation, linear trend removed, Hann window; of long series the mean power over
@@ -168,18 +162,15 @@ def amplitude_spectrum(
     >>> round(float(frequency_hz[amplitude.argmax()]), 2), round(float(amplitude.max()), 2)
     (3.0, 0.5)
     """
-    clock, series = as_float_array(time_s, "time_s", (None,)), as_float_array(values, "values", (None,))
-    found = np.flatnonzero(np.isfinite(series))
-    count = int(found[-1] - found[0]) + 1 if found.size else 0
-    if count < 2 or clock[found[-1]] - clock[found[0]] < _SHORTEST_S or found.size < _FEWEST_VALID * count:
+    found = _even_series(time_s, values)
+    if found is None:
         return np.zeros(0), np.zeros(0)
-    grid = np.linspace(clock[found[0]], clock[found[-1]], count)
-    even = np.interp(grid, clock[found], series[found])
+    even, interval = found
     frequency_hz, power = welch(
         even,
-        fs=1 / float(grid[1] - grid[0]),
+        fs=1 / interval,
         window="hann",
-        nperseg=min(count, _STRETCH),
+        nperseg=min(even.size, _STRETCH),
         detrend=detrend,
         scaling="spectrum",
     )
@@ -187,6 +178,27 @@ def amplitude_spectrum(
     share = -(-amplitude.size // most_lines)
     starts = np.arange(0, amplitude.size, share)
     return np.asarray(frequency_hz[1:][starts]), np.asarray(np.maximum.reduceat(amplitude, starts))
+
+
+def _even_series(time_s: npt.ArrayLike, values: npt.ArrayLike) -> tuple[FloatArray, float] | None:
+    """Values at even times, and the time between them [s]; ``None`` of too few.
+
+    The mean interval, because containers round stamps: at 60 frames a second the median of rounded ones is 17 ms.
+    """
+    clock, series = as_float_array(time_s, "time_s", (None,)), as_float_array(values, "values", (None,))
+    if clock.shape != series.shape or np.any(np.diff(clock) <= 0):
+        raise DatasetError(
+            f"spectrum: expected increasing time stamps, one a value, got {clock.size} stamps for "
+            f"{series.size} values; sort or cut them"
+        )
+    found = np.flatnonzero(np.isfinite(series))
+    if found.size < 2 or clock[found[-1]] - clock[found[0]] < _SHORTEST_S:
+        return None
+    count = int(found[-1] - found[0]) + 1
+    if found.size < _FEWEST_VALID * count:
+        return None
+    grid: FloatArray = np.linspace(clock[found[0]], clock[found[-1]], count)
+    return np.asarray(np.interp(grid, clock[found], series[found])), float(grid[1] - grid[0])
 
 
 def _background(power: FloatArray, lines: IntArray) -> FloatArray:

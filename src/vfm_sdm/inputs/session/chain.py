@@ -1,5 +1,6 @@
 """What products of a session are made of beside its fields and the code: its files, and the parts that it chooses."""
 
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ from vfm_sdm.inputs.session.hashes import InputHashes
 from vfm_sdm.inputs.session.model import Session
 
 __all__ = ["SessionChain"]
+
+_MOST = 12
+"""Points that are listed by name."""
 
 
 class SessionChain(Chain[Session]):
@@ -31,6 +35,51 @@ class SessionChain(Chain[Session]):
         super().__init__(session, folder)
         self._session = session
         self._hashes, self._parts = InputHashes(whole_files=whole_files), dict[str, Any]()
+
+    def __repr__(self) -> str:
+        """What is measured, what of it is made, and the verdict."""
+        made = [name for name in self.products() if name in self._values and self.product(name).kept is not None]
+        where = "in memory" if self.folder is None else f"in {self.folder}"
+        views, points = len(self._session.view), len(self._session.point)
+        return (
+            f"<{type(self).__name__} {self._session.name!r}: views {views}, points {points}, {where}; "
+            f"made: {', '.join(made) or 'nothing yet'}{self._judgement()}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The same as a table of products, for notebooks."""
+        rows = "".join(
+            f"<tr><td><code>{name}</code></td><td>{self._state_of(name)}</td><td>{escape(self._says(name))}</td></tr>"
+            for name in self.products()
+        )
+        session = self._session
+        points = ", ".join(
+            escape(point.name) + (" (static)" if point.static else "") for point in session.point[:_MOST]
+        )
+        more = f" and {len(session.point) - _MOST} more" if len(session.point) > _MOST else ""
+        return (
+            f"<p><b>{type(self).__name__} {escape(session.name)}</b>{escape(self._judgement())}<br>"
+            f"views: {escape(', '.join(view.name for view in session.view))}; points: {points or 'none'}{more}; "
+            f"{'in memory' if self.folder is None else escape(str(self.folder))}</p>"
+            f"<table><thead><tr><th>product</th><th></th><th></th></tr></thead><tbody>{rows}</tbody></table>"
+        )
+
+    def _says(self, name: str) -> str:
+        """First line of what is written of a product."""
+        return (self.product(name).__doc__ or "").partition("\n")[0].replace("``", "")
+
+    def _state_of(self, name: str) -> str:
+        one = self.product(name)
+        if name not in self._values:
+            return "not yet"
+        if name in self.were_given or one.label in self.reused:
+            return "given" if name in self.were_given else "read"
+        return f"{self.seconds[one.label]:.1f} s" if one.label in self.seconds else "made"
+
+    def _judgement(self) -> str:
+        """The verdict of the audit, where there is one."""
+        verdict = getattr(self._values.get("audit"), "verdict", None)
+        return f"; {verdict}" if verdict else ""
 
     @property
     def session(self) -> Session:

@@ -6,6 +6,7 @@ pydantic's ``ValidationError`` (a ``ValueError``).
 """
 
 from collections.abc import Mapping, Sequence
+from datetime import timedelta
 from glob import escape
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -20,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from vfm_sdm.core.datasets import START
 from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults, repeated_names
@@ -261,6 +263,14 @@ class Session(Entry):
     def later_use_s(self, view: View) -> float:
         """How much later than in the reference view's recording the interval that is used begins [s]."""
         return view.interval_s[0] - self.reference_view.interval_s[0]
+
+    @property
+    def start_attrs(self) -> dict[str, str]:
+        """When time is zero, as an attribute of datasets; nothing where the session does not say."""
+        first = self.reference_view
+        return (
+            {} if first.start is None else {START: (first.start + timedelta(seconds=first.interval_s[0])).isoformat()}
+        )
 
     @property
     def resolved_method(self) -> Method:

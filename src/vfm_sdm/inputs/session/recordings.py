@@ -303,8 +303,11 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
     yield from _visit_files(session)
     for name, table in session.method.tables.items():
         for key, path in table_paths(table).items():
-            if session.resolve(path).is_file():
-                yield f"method.{name}.{key}", session.resolve(path)
+            found = session.resolve(path)
+            inside = sorted(one for one in found.iterdir() if one.is_file()) if found.is_dir() else []
+            yield from ((f"method.{name}.{key}/{one.name}", one) for one in inside)
+            if found.is_file():
+                yield f"method.{name}.{key}", found
 
 
 def _visit_files(session: Session) -> Iterator[tuple[str, Path]]:

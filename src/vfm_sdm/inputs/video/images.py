@@ -1,6 +1,5 @@
 """Frames of a numbered sequence of image files."""
 
-import re
 from collections.abc import Callable, Generator
 from copy import copy
 from functools import cache, partial
@@ -13,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
-from vfm_sdm.core.files import match_files
+from vfm_sdm.core.files import match_files, natural_key
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.cuts import Cut
@@ -204,18 +203,12 @@ def find_files(pattern: str, kind: str) -> list[Path]:
         No file matches.
     """
     # Hidden files are an operating system's, not a camera's ("._0001.jpg").
-    files = sorted((path for path in match_files(pattern) if path.name[0] != "."), key=_natural_key)
+    files = sorted((path for path in match_files(pattern) if path.name[0] != "."), key=natural_key)
     if not files:
         raise VideoError(
             f"{pattern}: expected {kind} files, got no match; check the folder and the pattern (such as left/*.jpg)"
         )
     return files
-
-
-def _natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
-    # Numbers compare by value and before text; the name itself decides between 1 and 01.
-    pieces = [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", str(path)) if p]
-    return pieces, str(path)
 
 
 def _read_image(path: Path) -> tuple[ImageArray, Callable[[], ImageArray]]:

@@ -1,26 +1,18 @@
-"""Figures: trajectories in pixels, displacement in millimetres, and first frames with the points drawn in.
+"""Figures: trajectories in pixels, and displacement in millimetres.
 
 Each ``plot_`` function draws into the axes given, or into a figure of its own, and returns the axes. Figures are made
 without pyplot, so that nothing global changes and no window system is needed.
 """
 
-from collections.abc import Sequence
-from typing import Any
-
-import matplotlib.patheffects as effects
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 
-from vfm_sdm.core.arrays import as_float_array
 from vfm_sdm.core.datasets import Status, check_displacement, check_tracks
-from vfm_sdm.errors import DatasetError
 from vfm_sdm.outputs.plots.drawing import (
     AXIS_COLOURS,
     BLUE,
     GREY,
-    ORANGE,
     VERMILION,
     choose_name,
     finish_axes,
@@ -31,13 +23,12 @@ from vfm_sdm.outputs.plots.drawing import (
     reduce_band,
     reduce_line,
 )
+from vfm_sdm.signals.spectrum import amplitude_spectrum, dominant_frequency
 
-__all__ = ["plot_displacement", "plot_points", "plot_trajectory"]
+__all__ = ["plot_displacement", "plot_spectrum", "plot_trajectory"]
 
-_DISPLAY_PX = 1920
-"""Longest image side that is drawn; a print shows no more."""
-_MOST_LABELS = 40
-_HALO = (effects.withStroke(linewidth=2.5, foreground="black"),)
+_LEAST_SHARE = 1e-4
+"""Share of the highest line below which a spectrum shows nothing [1]."""
 
 
 def plot_trajectory(tracks: xr.Dataset, ax: Axes | None = None, *, point: str | None = None) -> Axes:
@@ -145,78 +136,50 @@ def plot_displacement(
     return finish_axes(axes, time_s)
 
 
-def plot_points(luma: npt.NDArray[Any], points2d: npt.ArrayLike, names: Sequence[str], ax: Axes | None = None) -> Axes:
-    """An image with named points drawn in; the axes are full-image pixels.
+def plot_spectrum(
+    displacement: xr.Dataset, ax: Axes | None = None, *, point: str | None = None, axis: str | None = None
+) -> Axes:
+    """Amplitudes of one point's displacement along one axis against frequency [mm], with the dominant frequency.
 
     Parameters
     ----------
-    luma
-        Brightness, shape (H, W), or colour, shape (H, W, 3); large images are drawn smaller.
-    points2d
-        Positions in full-image pixels, shape (P, 2) [px]; points that are NaN are listed below the image.
-    names
-        Point names, length P.
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
     ax
         Axes to draw into; a new figure when None.
+    point, axis
+        Names of the point and the axis; may be left out where there is only one.
 
     Raises
     ------
     DatasetError
-        The array is not an image, or points and names differ in number.
+        The dataset holds no displacement, or no such point or axis.
 
-    Examples
-    --------
-    >>> axes = plot_points(np.zeros((48, 64), np.uint8), [[10.0, 20.0], [np.nan, np.nan]], ["mid", "quarter"])
-    >>> axes.get_xlabel().splitlines()
-    ['u [px]', 'not found here: quarter']
+    Notes
+    -----
+    Of samples that are ok; where the recording is too short, or too many samples are missing, the axes say so.
     """
-    image = np.asarray(luma)
-    if image.ndim not in (2, 3) or image.size == 0 or (image.ndim == 3 and image.shape[2] != 3):
-        raise DatasetError(f"luma: expected shape (H, W) or (H, W, 3), got {image.shape}; pass one frame")
-    points = as_float_array(points2d, "points2d", (len(names), 2))
-    axes = make_axes(ax)
-    height, width = image.shape[:2]
-    small, factor = _shrink(image)
-    axes.imshow(
-        small,
-        cmap="gray",
-        vmin=float(small.min()) if image.ndim == 2 and image.dtype != np.uint8 else 0,
-        vmax=float(small.max()) if image.ndim == 2 and image.dtype != np.uint8 else 255,
-        # The pixels drawn cover whole blocks of the image, whose first begins half a pixel before its centre.
-        extent=(-0.5, small.shape[1] * factor - 0.5, small.shape[0] * factor - 0.5, -0.5),
-        interpolation="antialiased",
-    )
-    axes.set_xlim(-0.5, width - 0.5)
-    axes.set_ylim(height - 0.5, -0.5)
-    axes.plot(*points.T, "o", markersize=11, markerfacecolor="none", markeredgecolor=ORANGE, path_effects=_HALO)
-    axes.plot(*points.T, "+", markersize=7, markeredgecolor=ORANGE, path_effects=_HALO)
-    for (u, v), name in zip(points, names, strict=True):
-        if len(names) <= _MOST_LABELS and np.isfinite([u, v]).all():
-            left = u > 0.8 * width
-            axes.annotate(
-                plain_text(name),
-                (u, v),
-                xytext=(-9 if left else 9, 6),
-                textcoords="offset points",
-                ha="right" if left else "left",
-                color="white",
-                fontsize=9,
-                path_effects=_HALO,
-            )
-    missing = [name for name, (u, v) in zip(names, points, strict=True) if not np.isfinite([u, v]).all()]
-    note = f"\nnot found here: {', '.join(missing)}" if missing else ""
-    axes.set_xlabel(f"u [px]{plain_text(note)}")
-    axes.set_ylabel("v [px]")
-    return axes
-
-
-def _shrink(image: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], int]:
-    """The image averaged over square blocks so that it is no larger than a display, and the blocks' side [px]."""
-    factor = int(np.ceil(max(image.shape[:2]) / _DISPLAY_PX))
-    factor = min(factor, *image.shape[:2])
-    if factor <= 1:
-        return image, 1
-    rows, columns = image.shape[0] // factor, image.shape[1] // factor
-    blocks = image[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, -1)
-    mean = blocks.mean(axis=(1, 3)).reshape(rows, columns, *image.shape[2:])
-    return mean.astype(np.uint8) if image.ndim == 3 else mean, factor
+    check_displacement(displacement)
+    names = {"point": choose_name(displacement, "point", point), "axis": choose_name(displacement, "axis", axis)}
+    series = displacement.sel(names)
+    axes = make_axes(ax, (5, 3.5))
+    values = np.where(series["status"].values == Status.OK, series["displacement"].values, np.nan)
+    frequency_hz, amplitude = amplitude_spectrum(series["time"].values, values)
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel("amplitude [mm]")
+    colour = AXIS_COLOURS[list_names(displacement, "axis").index(names["axis"]) % len(AXIS_COLOURS)]
+    if not amplitude.any():
+        axes.text(
+            0.5, 0.5, "too short for a spectrum,\nor too many gaps", transform=axes.transAxes, ha="center", va="center"
+        )
+        axes.set_yticks([])
+        return finish_axes(axes, frequency_hz)
+    axes.plot(*reduce_line(frequency_hz, amplitude), color=colour, linewidth=1.0)
+    axes.set_yscale("log")
+    lowest = max(_LEAST_SHARE * amplitude.max(), 0.5 * float(np.quantile(amplitude, 0.02)))
+    axes.set_ylim(lowest, 2 * amplitude.max())
+    dominant = dominant_frequency(series["time"].values, values)
+    if dominant is not None:
+        axes.axvline(dominant, color=GREY, linewidth=0.8, linestyle=":")
+        axes.set_title(f"{dominant:.2f} Hz", loc="right", fontsize="small", color=GREY)
+    return finish_axes(axes, frequency_hz)

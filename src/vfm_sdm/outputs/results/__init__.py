@@ -3,6 +3,7 @@
 from vfm_sdm.outputs.results.causes import first_cause
 from vfm_sdm.outputs.results.expectation import Worth, describe_expectation
 from vfm_sdm.outputs.results.exports import write_displacement, write_export
+from vfm_sdm.outputs.results.movement import write_movement
 from vfm_sdm.outputs.results.notes import (
     describe_camera_motion,
     describe_clocks,
@@ -28,5 +29,6 @@ __all__ = [
     "summarize_displacement",
     "write_displacement",
     "write_export",
+    "write_movement",
     "write_summary",
 ]

@@ -10,6 +10,7 @@ import numpy as np
 from nicegui import ui
 
 from vfm_sdm.errors import VfmSdmError
+from vfm_sdm.outputs.report import write_report
 from vfm_sdm.page.review import Results
 from vfm_sdm.page.state import PageState
 from vfm_sdm.page.steps.common import in_thread, tell_errors
@@ -66,6 +67,16 @@ class _Review:
         with ui.row().classes("items-center"):
             ui.label(verdict).classes(f"text-h6 text-{_VERDICTS.get(verdict, 'grey')}").mark("verdict")
             ui.label(f"{summary.get('name', '')}; cameras: {summary.get('status', '')}")
+            language = ui.select({"en": "English", "de": "Deutsch"}, value="en").props("dense")
+
+            async def report() -> None:
+                path, *_ = await in_thread(partial(write_report, self._page.project.run, language=str(language.value)))
+                ui.notify(f"written: {path}", type="positive")
+                link.set_visibility(True)
+
+            ui.button("Write report", icon="description", on_click=tell_errors(report))
+            link = ui.link("open the report", "/report", new_tab=True)
+            link.set_visibility((self._page.project.run / "report.html").exists())
         self._choices()
         self._history = ui.echart(self._history_options()).classes("w-full h-80")
         self._spectrum = ui.echart(self._spectrum_options()).classes("w-full h-64")

@@ -52,7 +52,7 @@ def measure_planar(session: Session, tracks: xr.Dataset) -> xr.Dataset:
         mm_per_px=factor,
         scale_std=float(np.hypot(length.std / length.value, picked)),
         still_interval_s=session.method.still_interval_s,
-    )
+    ).assign_attrs(session.start_attrs)
 
 
 def _stretch(tracks: xr.Dataset, square: FloatArray) -> xr.Dataset:

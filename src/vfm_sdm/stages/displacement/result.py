@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.datasets import START, Status
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.stages.camera_motion import ViewMotion
@@ -89,13 +89,13 @@ def add_facts(
         of the static points) and ``camera_motion_status``; what injected motion showed, on view and point (`INJECTED`);
         and of a refinement ``refinement_correction`` (time, point) [px], and on ``point`` ``prior_share`` [1],
         ``refinement_status`` and ``refined_view``; of more than two views also
-        ``reference_views``, those that it was refined against.
+        ``reference_views``, those that it was refined against. The attribute ``time_coverage_start`` where it is known.
     """
     facts = {
         name: aligned[name] for name in ("clock_offset", "clock_offset_std", "clock_rate", "clock_status", "clock_use")
     }
     facts |= {name: aligned[name] for name in INJECTED if name in aligned}
-    displacement = displacement.assign(facts)
+    displacement = displacement.assign(facts).assign_attrs({k: v for k, v in aligned.attrs.items() if k == START})
     if motions:
         chosen = [motions[str(view)] for view in displacement["view"].values]
         displacement = displacement.assign(

@@ -43,7 +43,8 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: 
         the reference view and of this view), ``clock_offset_std`` [s] (NaN where neither motion nor session give the
         offset), ``clock_rate`` [1] and ``clock_status``; ``clock_use`` (view, point), a `ClockUse` for every point;
         and ``bits_per_pixel`` [1] of the view's recording, infinite
-        where it is not compressed or not known.
+        where it is not compressed or not known. Where the session states when the reference view began, the attribute
+        ``time_coverage_start`` says when time is zero.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: 
     known = {name: one for name, one in found.items() if one.ok}
     offsets = {name: known[name].offset_s if name in known else offset for name, offset in stated.items()}
     rates = {name: known[name].rate_ratio if name in known else 1.0 for name in stated}
-    aligned = align_views(tracks, offsets, rates)
+    aligned = align_views(tracks, offsets, rates).assign_attrs(session.start_attrs)
     stds = [_offset_std(session, view, found.get(view.name)) for view in session.view]
     statuses = [found[v.name].status if v.name in found else ClockStatus.STATED for v in session.view]
     return aligned.assign(

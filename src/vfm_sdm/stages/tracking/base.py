@@ -23,6 +23,7 @@ __all__ = [
     "SegmentTracker",
     "Targets",
     "Tracker",
+    "TrackerOfViews",
     "WithoutStarts",
     "check_later_points",
     "find_tracker",
@@ -142,6 +143,26 @@ class DesignedTracker(Protocol):
             As in `Tracker.track`.
         designs
             Size, warp and mask of each point's subset; ``None`` for a point that is not to be tracked.
+        """
+        ...
+
+
+@runtime_checkable
+class TrackerOfViews(Protocol):
+    """A tracker that must know which view it follows, as one whose tracks are in files."""
+
+    def of_view(self, view: str) -> Tracker:
+        """The tracker for one view.
+
+        Parameters
+        ----------
+        view
+            Its name.
+
+        Raises
+        ------
+        SessionError
+            It cannot follow this view.
         """
         ...
 

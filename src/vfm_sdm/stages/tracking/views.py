@@ -10,7 +10,14 @@ import xarray as xr
 from vfm_sdm.core.datasets import Status, frames_of_points
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video, VideoInfo, join_passes
-from vfm_sdm.stages.tracking.base import DesignedTracker, SegmentTracker, Targets, Tracker, check_later_points
+from vfm_sdm.stages.tracking.base import (
+    DesignedTracker,
+    SegmentTracker,
+    Targets,
+    Tracker,
+    TrackerOfViews,
+    check_later_points,
+)
 from vfm_sdm.stages.tracking.frame_clock import check_frames
 from vfm_sdm.stages.tracking.inputs import check_points
 from vfm_sdm.stages.tracking.lone_errors import include_lone_errors
@@ -109,6 +116,8 @@ class _View:
     def of(
         cls, video: Video, points: xr.Dataset, tracker: Tracker, subsets: Mapping[str, SubsetChoice] | None
     ) -> "_View":
+        if isinstance(tracker, TrackerOfViews):
+            tracker = tracker.of_view(str(points["view"].item()))
         names = [str(name) for name in points["point"].values]
         positions = points["position"].transpose("point", "pixel").values
         known = np.isfinite(positions).all(axis=1)

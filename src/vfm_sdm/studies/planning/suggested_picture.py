@@ -3,23 +3,19 @@
 from io import BytesIO
 from pathlib import Path
 
-import matplotlib.patheffects as effects
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from vfm_sdm.core.files import write_file
-from vfm_sdm.outputs.plots import plot_points
-from vfm_sdm.outputs.plots.drawing import BLUE, ORANGE, plain_text
-from vfm_sdm.studies.planning.suggestion import SuggestedPoint, Suggestion
+from vfm_sdm.outputs.plots import plot_points, plot_subsets
+from vfm_sdm.outputs.plots.drawing import plain_text
+from vfm_sdm.studies.planning.suggestion import Suggestion
 
 __all__ = ["draw_suggestion", "write_picture"]
 
 _DPI = 150
 _WIDTH_IN = 10.0
 _HEAD_IN = 0.9
-_HALO = (effects.withStroke(linewidth=3.0, foreground="black"),)
 
 
 def write_picture(path: Path | str, found: Suggestion) -> Path:
@@ -51,17 +47,9 @@ def draw_suggestion(found: Suggestion) -> Figure:
     panels = np.atleast_1d(figure.subplots(len(shapes), 1, height_ratios=rows_in))
     names = [one.name for one in found.points]
     for number, (view, axes) in enumerate(zip(found.frames, panels, strict=True)):
-        plot_points(found.frames[view], np.array([one.pixels[number] for one in found.points]), names, axes)
-        for one in found.points:
-            _draw_subset(axes, one, number)
+        places = np.array([one.pixels[number] for one in found.points])
+        static = [one.static for one in found.points]
+        plot_points(found.frames[view], places, names, axes, static=static)
+        plot_subsets(axes, places, [one.subset_px for one in found.points], static)
         axes.set_title(plain_text(f"{view}: squares are subsets; orange: on the structure, blue: static"), loc="left")
     return figure
-
-
-def _draw_subset(axes: Axes, point: SuggestedPoint, view: int) -> None:
-    """The square that is compared around a point."""
-    u, v = point.pixels[view]
-    if np.isfinite(u + v) and point.subset_px:
-        corner, side = (u - point.subset_px / 2, v - point.subset_px / 2), point.subset_px
-        colour = BLUE if point.static else ORANGE
-        axes.add_patch(Rectangle(corner, side, side, fill=False, edgecolor=colour, linewidth=1.4, path_effects=_HALO))

@@ -10,7 +10,17 @@ from PIL import Image
 
 from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement, make_tracks
 from vfm_sdm.errors import DatasetError, ResultsError
-from vfm_sdm.outputs.plots import file_stem, plot_displacement, plot_points, plot_trajectory, save_figures
+from vfm_sdm.outputs.plots import (
+    About,
+    draw_overview,
+    file_stem,
+    plot_displacement,
+    plot_points,
+    plot_spectrum,
+    plot_trajectory,
+    save_figures,
+)
+from vfm_sdm.outputs.plots.figures import _draw_displacement, _draw_points, _draw_trajectories
 
 POINTS = ["1/2 span", "abutment"]
 
@@ -246,7 +256,7 @@ def test_trajectories_of_many_points_show_the_first_twelve(tmp_path):
     track = make_track(5, [f"p{i}" for i in range(14)])
     (path,) = save_figures(tmp_path, {"left": track}, None, {}, {})
     with Image.open(path) as image:
-        assert image.height == pytest.approx(150 * (1.5 + 12 * 1.7), abs=2)
+        assert image.height == pytest.approx(150 * (1.7 + 12 * 1.7), abs=2)
 
 
 def test_unwritable_folder_is_named(tmp_path):
@@ -269,3 +279,87 @@ def test_file_stem(name, stem):
 def test_pyplot_is_not_needed():
     code = "import sys, vfm_sdm.outputs.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def texts_of(figure):
+    found = [text.get_text() for text in figure.texts]
+    for axes in figure.axes:
+        found += [axes.get_title(loc) for loc in ("left", "center", "right")] + [axes.get_xlabel()]
+    return found
+
+
+def test_a_spectrum_shows_amplitudes_and_the_dominant_frequency():
+    data = make_example(500)
+    axes = plot_spectrum(data, point="abutment", axis="vertical")
+    frequency_hz, amplitude = axes.get_lines()[0].get_data()
+    assert frequency_hz[amplitude.argmax()] == pytest.approx(1 / (2 * np.pi), abs=0.11)
+    assert amplitude.max() == pytest.approx(2.0, rel=0.15)  # the highest line may lie half a bin beside it
+    steady = make_example(1000)
+    steady["displacement"][:, 1, 1] = 0.7 * np.sin(2 * np.pi * 3.0 * steady["time"].values)
+    axes = plot_spectrum(steady, point="abutment", axis="vertical")
+    assert axes.get_lines()[0].get_ydata().max() == pytest.approx(0.7, rel=1e-3)
+    assert axes.get_title(loc="right") == "3.00 Hz"
+
+
+def test_a_spectrum_that_cannot_be_had_says_why():
+    assert "too short" in plot_spectrum(make_example(90), point="abutment", axis="vertical").texts[0].get_text()
+
+
+def test_figures_say_of_what_and_when_they_are():
+    about = About("bridge $1", frozenset({"abutment"}), start="2026-05-04T12:30:00+02:00")
+    found = texts_of(_draw_displacement(make_example(), "abutment", about))
+    assert "displacement of abutment (static) (structure axes)" in found
+    assert r"bridge \$1, 2026-05-04 12:30 UTC+02:00" in found
+    assert "positive: down" in found
+    assert "positive: away from the reference camera" in found
+    assert "frequency [Hz]" in found
+    assert "abutment (static)" in texts_of(_draw_trajectories("left", make_track(), about))
+    assert About("bridge $1").line == "bridge $1, date not stated"
+
+
+def test_static_points_are_blue():
+    title = "points in view left, first frame"
+    picture = np.zeros((90, 160), np.uint8)
+    figure = _draw_points(
+        picture, [[10.0, 20.0], [30.0, 40.0]], POINTS, About("bridge", frozenset({"abutment"})), title
+    )
+    circles = {tuple(line.get_xydata()[0]): line.get_markeredgecolor() for line in figure.axes[0].get_lines()}
+    assert circles == {(10.0, 20.0): "#E69F00", (30.0, 40.0): "#0072B2"}
+    assert [text.get_text() for text in figure.texts] == [f"{title}; blue: static", "bridge, date not stated"]
+
+
+def many(points, frames=100):
+    data = make_example(frames)
+    wide = data.isel(point=np.zeros(points, int)).assign_coords(point=[f"p{number}" for number in range(points)])
+    factors = np.linspace(1, 2, points)
+    wide["displacement"] = wide["displacement"] * factors[:, None]
+    return wide.assign(displacement=wide["displacement"].assign_attrs(units="mm"))
+
+
+def test_many_points_have_overviews_in_place_of_figures(tmp_path):
+    names = [path.name for path in save_figures(tmp_path, {}, many(21), {}, {})]
+    assert names == [f"displacement_overview_{axis}.png" for axis in STRUCTURE_AXES]
+    assert len(save_figures(tmp_path, {}, many(20), {}, {})) == 20
+
+
+@pytest.mark.parametrize("frames", [100, 20_000])
+def test_an_overview_shows_every_point(frames, tmp_path):
+    """Peak-to-peak of sinusoids that grow from point to point, in the bars and in the colours of whole periods."""
+    figure = draw_overview(many(30, frames), "vertical", About("bridge", frozenset({"p3"})))
+    colours, bars, _ = figure.axes
+    widths = np.array([bar.get_width() for bar in bars.patches])
+    np.testing.assert_allclose(widths / widths[0], np.linspace(1, 2, 30))
+    assert widths[0] == pytest.approx(2 * np.ptp(np.sin(np.arange(frames) / 50)), rel=0.01)
+    shown = np.ma.filled(colours.get_images()[0].get_array(), np.nan)
+    assert shown.shape[0] == 30
+    assert shown.shape[1] <= 1500
+    assert np.isnan(shown).any() == (frames == 100)  # a sample alone is lost in a column of many
+    assert colours.get_position().y0 == bars.get_position().y0
+    assert colours.get_position().y1 == bars.get_position().y1
+    assert colours.get_yticklabels()[3].get_text() == "p3 (static)"
+    figure.savefig(tmp_path / "overview.png")
+    with Image.open(tmp_path / "overview.png") as image:
+        pixels = np.asarray(image.convert("L"))
+    assert (pixels[[0, -1]] == 255).all()
+    assert (pixels[:, [0, -1]] == 255).all()
+    assert (tmp_path / "overview.png").stat().st_size < 1e6

@@ -300,7 +300,10 @@ def test_uff_is_dataset_58_in_metres_with_units(tmp_path):
 
 def test_another_program_reads_uff_as_it_is_meant(tmp_path):
     displacement = make_example(31)
-    units, *functions = pyuff.UFF(str(write_export("uff", tmp_path, displacement))).read_sets()
+    units, nodes, *functions = pyuff.UFF(str(write_export("uff", tmp_path, displacement))).read_sets()
+    places = np.column_stack([nodes[key] for key in "xyz"])
+    assert list(nodes["node_nums"]) == [1, 2]
+    np.testing.assert_allclose(places, displacement["position"].median("time"), rtol=1e-5)
     assert (units["units_code"], units["length"], units["temp_mode"]) == (1, 1.0, 2)
     assert [(f["rsp_node"], f["rsp_dir"]) for f in functions] == [(n, d) for n in (1, 2) for d in (1, 2, 3)]
     for f in functions:
@@ -567,7 +570,7 @@ def test_too_little_has_no_frequency():
 
 
 def test_frequency_of_malformed_series():
-    with pytest.raises(DatasetError, match="dominant frequency: expected increasing time stamps, one a value, got 2"):
+    with pytest.raises(DatasetError, match="spectrum: expected increasing time stamps, one a value, got 2"):
         dominant_frequency([0.0, 1.0], [1.0, 2.0, 3.0])
     with pytest.raises(DatasetError, match="expected increasing time stamps"):
         dominant_frequency([0.0, 0.0], [1.0, 2.0])

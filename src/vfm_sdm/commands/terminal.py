@@ -1,0 +1,167 @@
+"""What commands print, as text for people or, with ``--json``, as one JSON object; and how they end."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from enum import IntEnum
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+__all__ = ["Ending", "Terminal", "as_json", "say_rest", "shown_rows", "table_rows"]
+
+
+class Ending(IntEnum):
+    """Exit statuses of all commands."""
+
+    DONE = 0
+    ERROR = 1
+    """The input cannot be used, or a test was not passed; a message says what to do."""
+    NO_RESULT = 3
+    """The input was right, and the data did not allow a result."""
+    REFUSED = 4
+    """There is a result, and the audit says not to use it."""
+    INTERRUPTED = 130
+    """By Ctrl-C, as shells have it."""
+
+
+_MOST_POINTS = 20
+"""Points that a table shows: a screen and a half, with three axes each."""
+_COLLECTED: ContextVar[dict[str, list[Any]] | None] = ContextVar("collected", default=None)
+
+
+class Terminal(Console):
+    """Standard output, without markup: names in square brackets are names. Inside `as_json` what is printed is kept."""
+
+    def __init__(self) -> None:
+        super().__init__(markup=False)
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Prints, or keeps for the JSON object.
+
+        Parameters
+        ----------
+        objects, options
+            As of rich's console.
+        """
+        collected = _COLLECTED.get()
+        if collected is None:
+            super().print(*objects, **options)
+            return
+        for one in objects:
+            if isinstance(one, Table):
+                collected["tables"].append({"title": _plain(one.title), "rows": table_rows(one)})
+                # What stands below a table says why, or what it leaves out.
+                collected["lines"] += [line for line in _plain(one.caption).splitlines() if line]
+            else:
+                collected["lines"].append(_plain(one).strip())
+
+
+@contextmanager
+def as_json() -> Iterator[None]:
+    """Prints, at the end of the block, everything that was printed in it as one JSON object: ``tables`` and ``lines``.
+
+    Commands end by an exception, too, which passes; its status is ``exit_status``.
+    """
+    token = _COLLECTED.set({"tables": [], "lines": []})
+    status: object = Ending.DONE
+    try:
+        yield
+    except SystemExit as stop:
+        status = stop.code or Ending.DONE
+        raise
+    except BaseException as error:
+        status = Ending.INTERRUPTED if isinstance(error, KeyboardInterrupt) else Ending.ERROR
+        raise
+    finally:
+        collected = {"exit_status": status, **(_COLLECTED.get() or {})}
+        _COLLECTED.reset(token)
+        Console(markup=False).print(
+            json.dumps(collected, ensure_ascii=False, indent=1), highlight=False, soft_wrap=True
+        )
+
+
+def shown_rows(count: int) -> int:
+    """How many of so many points a table has room for: all of them in JSON.
+
+    Parameters
+    ----------
+    count
+        How many there are.
+
+    Examples
+    --------
+    >>> shown_rows(8), shown_rows(400)
+    (8, 20)
+    """
+    return count if _COLLECTED.get() is not None else min(count, _MOST_POINTS)
+
+
+def say_rest(table: Table, count: int, where: str) -> Table:
+    """The table with a line below that says how many points it leaves out, and where they are.
+
+    Parameters
+    ----------
+    table
+        The table, with `shown_rows` of them.
+    count
+        How many there are.
+    where
+        File that has them all.
+    """
+    left = count - shown_rows(count)
+    if left > 0:
+        table.caption, table.caption_justify = Text(f"... and {left} more points; all in {where}"), "left"
+    return table
+
+
+def table_rows(table: Table) -> list[dict[str, Any]]:
+    """Rows of a table by the names of its columns: numbers where they are numbers, ``None`` where there is no value.
+
+    Parameters
+    ----------
+    table
+        The table, whose numbers stand at the right of their columns. A first cell that is empty says the same as the
+        one above; a column without a name is ``note``, and of two of one name the second is ``NAME 2``.
+
+    Examples
+    --------
+    >>> table = Table("point")
+    >>> table.add_column("p-p", justify="right")
+    >>> table.add_row("mid", "1.50"), table.add_row("", "-")
+    (None, None)
+    >>> table_rows(table)
+    [{'point': 'mid', 'p-p': 1.5}, {'point': 'mid', 'p-p': None}]
+    """
+    names: list[str] = []
+    for column in table.columns:
+        name = _plain(column.header) or "note"
+        names.append(f"{name} {names.count(name) + 1}" if name in names else name)
+    rows: list[dict[str, Any]] = []
+    numbers = [column.justify == "right" for column in table.columns]
+    for cells in zip(*(column.cells for column in table.columns), strict=True):
+        texts = [_plain(cell) for cell in cells]
+        row = {
+            name: _value(text) if is_number else text
+            for name, text, is_number in zip(names, texts, numbers, strict=True)
+        }
+        if rows and row[names[0]] == "":
+            row[names[0]] = rows[-1][names[0]]
+        rows.append(row)
+    return rows
+
+
+def _plain(shown: Any) -> str:
+    return "" if shown is None else shown.plain if isinstance(shown, Text) else str(shown)
+
+
+def _value(cell: str) -> float | str | None:
+    if cell == "-":
+        return None
+    try:
+        return float(cell)
+    except ValueError:
+        return cell

@@ -1,0 +1,68 @@
+"""Tracks as poses of the package ``movement``."""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.core.datasets import Status
+from vfm_sdm.errors import ResultsError
+from vfm_sdm.inputs.tracks.record import ForeignTracks
+
+__all__ = ["read_poses"]
+
+_DIMS = ("time", "keypoints", "individuals", "space")
+_DOUBTFUL = 0.6
+"""Confidence below which a position is not trusted, where no status says so [1]."""
+
+
+def read_poses(path: Path) -> ForeignTracks:
+    """Tracks in a netCDF file of poses of one view; points of several individuals are named ``individual keypoint``.
+
+    Parameters
+    ----------
+    path
+        The file: ``position`` (time, space, keypoints, individuals) [px], and where they are there ``confidence``,
+        ``position_std`` [px] and ``status`` as `vfm_sdm.outputs.results.write_movement` writes them.
+
+    Raises
+    ------
+    ResultsError
+        It cannot be read, or holds something else.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as found:
+            poses = found.load()
+    except (OSError, ValueError, LookupError, RuntimeError) as error:
+        raise ResultsError(f"{path}: expected netCDF of poses, got: {error}; check the path") from error
+    if (
+        "position" not in poses
+        or {*poses["position"].dims} != {*_DIMS}
+        or {"x", "y"} - {*map(str, poses["space"].values)}
+    ):
+        raise ResultsError(
+            f"{path}: expected position (time, space, keypoints, individuals) with x and y, got "
+            f"{dict(poses.sizes)}; write it with movement, or as a table"
+        )
+    people = [str(name) for name in poses["individuals"].values]
+    points = [str(name) for name in poses["keypoints"].values]
+    names = tuple(point if len(people) == 1 else f"{person} {point}" for point in points for person in people)
+    position = _flat(poses["position"])
+    std = _flat(poses["position_std"]) if "position_std" in poses else np.full_like(position, np.nan)
+    if "status" in poses:
+        doubtful = _flat(poses["status"]) == Status.UNRELIABLE
+    elif "confidence" in poses:
+        doubtful = _flat(poses["confidence"]) < _DOUBTFUL
+    else:
+        doubtful = np.zeros(position.shape[:2], np.bool_)
+    clock = poses["time"].values
+    if poses.attrs.get("time_unit") == "frames":
+        return ForeignTracks(position, std, doubtful, names, frames=clock.astype(np.int64), program="movement")
+    return ForeignTracks(position, std, doubtful, names, time_s=clock.astype(np.float64), program="movement")
+
+
+def _flat(array: xr.DataArray) -> np.ndarray:
+    """Values by time and point, and by space where it is there, x before y."""
+    dims = [dim for dim in _DIMS if dim in array.dims]
+    chosen = (array.sel(space=["x", "y"]) if "space" in dims else array).transpose(*dims).values
+    return chosen.reshape(chosen.shape[0], -1, *chosen.shape[3:])
