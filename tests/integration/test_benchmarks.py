@@ -17,6 +17,7 @@ SMALLEST = {
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
     "lines": ["--draws", "1", "--readings", "level alone", "--rectangles", "1"],
+    "page": ["--height", "360", "--repeats", "1"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
     "lens": ["--draws", "1", "--views", "40"],
     "long": ["--height", "360", "--minutes", "0.1", "0.2"],
@@ -28,7 +29,7 @@ SMALLEST = {
     "verdicts": ["--runs", "1", "--seeds", "1", "--faults", "both views drop frames", "a clipped reference"],
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
-SLOW = {"end_to_end", "lens", "lines", "long", "pairs", "plan", "profiles", "references", "scale"}
+SLOW = {"end_to_end", "lens", "lines", "long", "page", "pairs", "plan", "profiles", "references", "scale"}
 NEEDS = {"profiles": "lens_profiles"}
 """Real data without which a script has nothing to do."""
 ELSEWHERE = {"vggt": "test_benchmark_vggt.py", "vggt_costs": "no script, but what vggt counts with"}
