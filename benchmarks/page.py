@@ -1,7 +1,7 @@
 """How long the page takes to its first pictures, and from a click to what is known of the point.
 
 A pair of films is rendered (4K by default). The page is started as a user starts it, and its first pictures of both
-views are asked for as soon as its address is told; beside it stands the plain way: a fresh process that opens both films
+views are asked for as soon as its address is told; beside it stands the plain way: a process that opens both films
 with PyAV and writes their first frames as JPEG with OpenCV. Clicks are what the page computes for one, in this process
 and without a browser: the subset in the own view, the counterpart in the other one, and the subset there. The relation
 of the views, which is computed once in the background, is timed by itself.
