@@ -19,6 +19,7 @@ import pytest
 from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import measure
+from vfm_sdm.page.draft import Draft
 from vfm_sdm.studies.synthetic.field_test import demo_plan, make_field_test
 from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite
 
@@ -243,6 +244,12 @@ def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
             page.get_by_text("open the report").click()
         opened.value.get_by_text("1/2 span").first.wait_for()
         person.keep("5-review")
+        # What was changed since is said, so that no old number passes for a new one.
+        assert page.get_by_text("was changed since this was measured").count() == 0
+        Draft(session).put(("site", "baseline"), {"value": 5.0, "std": 0.005})
+        page.get_by_role("button", name="Read again").click()
+        page.get_by_text("was changed since this was measured").wait_for()
+        Draft(session).put(("site", "baseline"), {"value": known.site.baseline.value, "std": 0.005})
         browser.close()
         assert served.stop() == 0
     assert not errors

@@ -11,7 +11,7 @@ from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.netcdf import open_displacement, open_tracks
 from vfm_sdm.core.run_folder import SESSION
-from vfm_sdm.inputs.session import Session, read_session
+from vfm_sdm.inputs.session import Session, read_session, session_hash
 from vfm_sdm.outputs.plots.drawing import reduce_band, reduce_line
 from vfm_sdm.outputs.results import read_summary
 from vfm_sdm.signals.spectrum import amplitude_spectrum
@@ -65,6 +65,21 @@ class Results:
     def session(self) -> Session:
         """The session that was measured."""
         return read_session(self.run / SESSION, check_files=False)
+
+    def doubts(self, session: Session | None) -> list[str]:
+        """Sentences on why these are not the results of the session as it stands now.
+
+        Parameters
+        ----------
+        session
+            What the session's file says now; ``None`` where it is not complete.
+        """
+        found = []
+        if session is None or session_hash(session) != self.summary.get("session_hash"):
+            found.append("session.toml was changed since this was measured: measure again before you use it")
+        if self.summary.get("finished") is False:
+            found.append("this is not measured to its end: measure again, which goes on where it was")
+        return found
 
     @property
     def points(self) -> list[str]:

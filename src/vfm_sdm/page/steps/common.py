@@ -3,13 +3,14 @@
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar, cast
+from urllib.parse import quote
 
 from nicegui import context, run, ui
 
 from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.inputs.session import Point
 
-__all__ = ["as_point", "in_thread", "tell_errors", "value_at"]
+__all__ = ["as_point", "in_thread", "picture_address", "tell_errors", "value_at"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -70,6 +71,22 @@ def as_point(row: Mapping[str, Any]) -> Point:
         Its table in the session.
     """
     return Point(**{key: row[key] for key in ("name", "view", "pixel", "pixel_in", "static") if key in row})
+
+
+def picture_address(view: str, number: int | None = 0) -> str:
+    """Where the page serves a frame of a view; of all its frames for ``None``.
+
+    Parameters
+    ----------
+    view, number
+        The view, and the number of its frame.
+
+    Examples
+    --------
+    >>> picture_address('north "A"', 3)
+    '/picture/north%20%22A%22/3'
+    """
+    return f"/picture/{quote(view, safe='')}" + ("" if number is None else f"/{number}")
 
 
 def value_at(fields: Any, path: Sequence[str]) -> Any:

@@ -7,7 +7,7 @@ from nicegui import ui
 
 from vfm_sdm.page.folder import Film
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.common import in_thread, tell_errors
+from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors
 
 __all__ = ["show_films"]
 
@@ -73,7 +73,7 @@ def _list_films(page: PageState, films: list[Film], changed: Any) -> None:
             ui.label("-" if info is None else info.codec)
             ui.label(f"{film.bits_per_pixel:.3f}")
             choice = ui.select([_NONE, *_VIEWS], value=chosen.get(film.files[0], _NONE)).props("dense outlined")
-            choice.mark(f"view of {film.files[0]}").props(f'aria-label="view of {film.files[0]}"')
+            choice.props["aria-label"] = f"view of {film.files[0]}"
             choice.set_enabled(info is not None)
             choice.on_value_change(tell_errors(partial(_choose, page, film, changed)))
             for warning in film.warnings:
@@ -98,11 +98,11 @@ def _scrub(page: PageState, view: dict[str, Any], frames: int) -> None:
     name = view["name"]
     with ui.column().classes("w-1/2 gap-1"):
         ui.label(name).classes("text-bold")
-        picture = ui.image(f"/picture/{name}/0").classes("w-full")
+        picture = ui.image(picture_address(name)).classes("w-full")
         number = ui.label("frame 0")
 
         def show(event: Any) -> None:
-            picture.set_source(f"/picture/{name}/{int(event.value)}")
+            picture.set_source(picture_address(name, int(event.value)))
             number.set_text(f"frame {int(event.value)}")
 
         slider = ui.slider(min=0, max=max(frames - 1, 1), value=0).props("label")

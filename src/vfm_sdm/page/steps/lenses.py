@@ -55,7 +55,8 @@ class LensForm:
         self._row.clear()
         with self._row:
             ui.label(self._name).classes("text-bold w-16")
-            chosen = ui.select(_WAYS, value=self._way).props(f'dense aria-label="lens of {self._name}"').classes("w-56")
+            chosen = ui.select(_WAYS, value=self._way).props("dense").classes("w-56")
+            chosen.props["aria-label"] = f"lens of {self._name}"
             chosen.on_value_change(tell_errors(self._change))
             fields = self._fields()
             for one in fields.values():

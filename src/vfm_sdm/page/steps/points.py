@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import partial
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from vfm_sdm.errors import SessionError
 from vfm_sdm.page.findings import Findings
 from vfm_sdm.page.sight import Sight
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.common import as_point, in_thread, tell_errors
+from vfm_sdm.page.steps.common import as_point, in_thread, picture_address, tell_errors
 from vfm_sdm.page.steps.point_table import PointTable, TableEvents
 from vfm_sdm.studies.planning.suggestion import suggest_points
 
@@ -76,7 +75,7 @@ class _Points:
             frame = ui.element("div").classes("vs-frame w-full")
             frame.props["data-view"], frame.props["data-width"], frame.props["data-height"] = view, width, height
             with frame, ui.element("div").classes("vs-sheet"):
-                ui.html(f'<img src="/picture/{escape(view)}/0" alt="first frame" draggable="false">', sanitize=False)
+                ui.html(f'<img src="{picture_address(view)}" alt="first frame" draggable="false">', sanitize=False)
                 self.overlays[view] = ui.html("", sanitize=False)
             lens = ui.element("canvas").classes("vs-lens")
             lens.props["width"] = lens.props["height"] = _LENS_PX

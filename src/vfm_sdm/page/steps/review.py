@@ -1,7 +1,6 @@
 """Step 5: what was measured, how well, and whether to trust it; and the report."""
 
 from functools import partial
-from html import escape
 from itertools import cycle
 from json import dumps
 from typing import Any
@@ -13,7 +12,7 @@ from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.outputs.report import write_report
 from vfm_sdm.page.review import Results
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.common import in_thread, tell_errors
+from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors
 
 __all__ = ["show_review"]
 
@@ -77,6 +76,8 @@ class _Review:
             ui.button("Write report", icon="description", on_click=tell_errors(report))
             link = ui.link("open the report", "/report", new_tab=True)
             link.set_visibility((self._page.project.run / "report.html").exists())
+        for note in self._results.doubts(self._page.draft.session()[0]):
+            ui.label(note).classes("text-negative text-bold")
         self._choices()
         self._history = ui.echart(self._history_options()).classes("w-full h-80")
         self._spectrum = ui.echart(self._spectrum_options()).classes("w-full h-64")
@@ -85,8 +86,8 @@ class _Review:
         with ui.expansion("Budget: where the uncertainty comes from (k = 1, mm)").classes("w-full"):
             self._budget()
         with ui.expansion("Tracks over the film").classes("w-full"):
-            for view in [str(view.name) for view in self._results.session.view]:
-                self._film(view)
+            for number, view in enumerate(self._results.session.view):
+                self._film(str(view.name), f"film-{number}")
         with ui.expansion("Scene: cameras, points and magnified motion").classes("w-full") as scene:
             holder = ui.column().classes("w-full")
 
@@ -185,21 +186,22 @@ class _Review:
         ]  # fmt: skip
         ui.table(columns=columns, rows=rows, row_key="id", pagination=15).props("dense flat").classes("w-full")
 
-    def _film(self, view: str) -> None:
+    def _film(self, view: str, box_id: str) -> None:
         """A view that plays with its points, and vectors of their motion."""
-        box_id = f"film-{view}"
+        address = picture_address(view, None)
         with ui.column().classes("w-full gap-1"):
             with ui.row().classes("items-center"):
                 ui.label(view).classes("text-bold")
-                play = ui.button(icon="play_arrow").props(f'dense flat aria-label="play {view}"')
-                stop = ui.button(icon="pause").props(f'dense flat aria-label="pause {view}"')
+                play = ui.button(icon="play_arrow").props("dense flat")
+                stop = ui.button(icon="pause").props("dense flat")
+                play.props["aria-label"], stop.props["aria-label"] = f"play {view}", f"pause {view}"
                 times = ui.number("motion times", value=20, min=1, max=1000).props("dense").classes("w-28")
-            still = f'<img src="/picture/{escape(view)}/0" alt="film"><canvas></canvas>'
+            still = f'<img src="{picture_address(view)}" alt="film"><canvas></canvas>'
             ui.html(still, sanitize=False).classes("vs-film w-full").props(f'id="{box_id}"')
 
             async def begin() -> None:
                 tracks = await in_thread(self._results.film, view)
-                ui.run_javascript(f"vsFilm({box_id!r}, '/picture/{view}', {dumps(tracks)}, {float(times.value or 1)})")
+                ui.run_javascript(f"vsFilm({box_id!r}, {address!r}, {dumps(tracks)}, {float(times.value or 1)})")
                 ui.run_javascript(f"vsPlay({box_id!r}, true)")
 
             play.on_click(tell_errors(begin))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,7 @@ class _Sketch:
         _, faults = self._page.draft.session()
         self._faults.set_text("\n".join(faults))
         names = [str(view["name"]) for view in self._page.fields.get("view", ())]
-        drawn = f"<p>{wrong}</p>" if wrong else draw_site(site, names, self._rig, self._points)
+        drawn = f"<p>{escape(wrong)}</p>" if wrong else draw_site(site, names, self._rig, self._points)
         self._drawn.set_content(drawn)
 
 

@@ -1,0 +1,74 @@
+"""What a finished run shows on the page is what its files hold."""
+
+import numpy as np
+import pytest
+
+from run_folders import write_run
+from vfm_sdm.core.netcdf import read_displacement, read_tracks
+from vfm_sdm.page.review import Results
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run [a] ö")
+    measurement, _ = write_run(folder)
+    return folder, measurement
+
+
+@pytest.fixture(scope="module")
+def results(run):
+    return Results(run[0])
+
+
+def test_histories_are_the_samples_with_their_uncertainty(run, results):
+    found = read_displacement(run[0]).sel(point="p0", axis="vertical")
+    history = results.history("p0", "vertical")
+    assert np.array_equal(history.time_s, found["time"].values)
+    assert np.array_equal(history.values, found["displacement"].values, equal_nan=True)
+    assert np.allclose(history.above - history.below, 2 * found["expanded_uncertainty"].values, equal_nan=True)
+    part = results.history("p0", "vertical", (1.0, 2.0))
+    assert part.time_s.min() >= 1.0
+    assert part.time_s.max() <= 2.0
+    assert len(results.history("p0", "vertical", (90.0, 91.0)).time_s) == 0
+
+
+def test_the_spectrum_peaks_where_the_structure_swings(results):
+    frequency_hz, amplitude_mm = results.spectrum("p0", "vertical")
+    assert frequency_hz[amplitude_mm.argmax()] == pytest.approx(2.5, abs=0.3)
+
+
+def test_the_budget_is_that_of_the_summary(run, results):
+    stated = results.summary["points"]
+    rows = results.budget()
+    assert len(rows) == 3 * len(stated)
+    for row in rows:
+        values = stated[row["point"]]["axes"][row["axis"]]
+        assert row["expanded"] == pytest.approx(values["expanded_uncertainty_mm"], abs=6e-5)
+        for name, value in values["budget_mm"].items():
+            assert row[name] == pytest.approx(value, abs=6e-5)
+
+
+def test_the_film_shows_the_tracks(run, results):
+    tracks = read_tracks(run[0])["left"]
+    film = results.film("left")
+    assert film["points"] == [str(name) for name in tracks["point"].values]
+    assert len(film["position"]) == len(film["numbers"]) == tracks.sizes["time"]
+    assert np.allclose(film["position"][5][0], tracks["position"].values[5, 0], atol=6e-4)
+    assert film["home"][0] == film["position"][0][0]
+    assert sum(film["static"]) == 3
+
+
+def test_the_scene_is_in_the_structures_axes(run, results):
+    scene = results.scene()
+    rig, frame = run[1].cameras.rig, run[1].cameras.frame
+    assert np.allclose(scene["cameras"], [frame.rotation @ camera.center for camera in rig.cameras])
+    assert np.allclose(np.linalg.norm(scene["looks"], axis=1), 1.0)
+    assert scene["motion"].shape[1:] == (len(scene["points"]), 3)
+
+
+def test_results_of_another_session_are_told(run, results):
+    session = run[1].session
+    assert results.doubts(session) == []
+    changed = session.model_copy(update={"name": "another"})
+    for other in (changed, None):
+        assert any("was changed since this was measured" in one for one in results.doubts(other))
