@@ -24,7 +24,7 @@ def show_measure(page: PageState) -> None:
         What the steps share.
     """
     ui.markdown(
-        "Measures what `session.toml` says, in a process of its own: the browser may be closed meanwhile. What is done is "
+        "Measures what `session.toml` says, in a process of its own: the browser may be closed. What is done is "
         "kept, so that a stopped run goes on where it was."
     )
     with ui.row().classes("items-center"):
