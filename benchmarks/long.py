@@ -36,7 +36,7 @@ from vfm_sdm.core.datasets import make_tracks  # noqa: E402
 from vfm_sdm.core.netcdf import read_displacement  # noqa: E402
 from vfm_sdm.inputs.session import read_session, write_session  # noqa: E402
 from vfm_sdm.measurement import Measurement  # noqa: E402
-from vfm_sdm.outputs.plots import save_figures  # noqa: E402
+from vfm_sdm.outputs.plots import describe_run, save_figures  # noqa: E402
 from vfm_sdm.outputs.results import describe_measurement, write_displacement  # noqa: E402
 from vfm_sdm.studies.synthetic.field_test import demo_plan, make_field_test  # noqa: E402
 from vfm_sdm.studies.synthetic.footbridge import FootbridgeSite  # noqa: E402
@@ -329,7 +329,9 @@ def measure_day(folder: Path, hours: float) -> dict[str, object]:
     clock = timed("files", clock)
     summary = describe_measurement(measurement.cameras, measurement.tracks, displacement, audit)
     clock = timed("summary", clock)
-    save_figures(folder / "run", measurement.tracks, displacement, {}, {}, audit=audit)
+    save_figures(
+        folder / "run", measurement.tracks, displacement, {}, {}, about=describe_run(measurement.session, audit)
+    )
     timed("figures", clock)
     found = displacement.sel(time=truth["time"], method="nearest").load()
     error = found["displacement"].values - truth.values
