@@ -4,7 +4,7 @@ A pair of films is rendered (4K by default). The page is started as a user start
 views are asked for as soon as its address is told; beside it stands the plain way: a process that opens both films
 with PyAV and writes their first frames as JPEG with OpenCV. Clicks are what the page computes for one, in this process
 and without a browser: the subset in the own view, the counterpart in the other one, and the subset there. The relation
-of the views, which is computed once in the background, is timed by itself.
+of the views and the frames that are sampled, once in the background, are timed by themselves.
 """
 
 import argparse
@@ -83,9 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             starts.append(start_page(path.parent))
         session = read_session(path)
         sight = Sight(session.model_copy(update={"point": ()}))
-        relation = timed(lambda: sight.relation)
+        relation = timed(sight.look_around)
         first, places = session.point[0], []
-        sight.judge(first.view, first.pixel)  # compiled, and the views' features found, once
+        sight.judge(first.view, first.pixel)  # compiled
         clicks: dict[str, list[float]] = {"subset": [], "counterpart": [], "subset there": []}
         for point in session.point[1:]:
             own = Point(name=point.name, view=point.view, pixel=point.pixel)
@@ -96,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     clicks["subset there"].append(timed(sight.judge, view, one.pixel))
     address, pictures = (statistics.median(one) for one in zip(*starts, strict=True))
     rows = {"address": address, "first pictures": pictures, "plain first pictures": statistics.median(plain)}
-    rows |= {"relation, once": relation} | {
+    rows |= {"looking around, once": relation} | {
         name: statistics.median(values) for name, values in clicks.items() if values
     }
     print(f"{'what':22s}  {'seconds':>8s}  {'bar':>5s}")

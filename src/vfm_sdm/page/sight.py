@@ -1,7 +1,6 @@
 """What is seen of the films before anything is measured: pictures, what a pixel is worth, and where it is elsewhere."""
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any
 
@@ -11,15 +10,17 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.errors import CameraError, SessionError, VideoError
-from vfm_sdm.inputs.session import Point, Session
+from vfm_sdm.inputs.session import FirstFrames, Point, Session
+from vfm_sdm.inputs.video import Frame, Region, RgbArray, Video
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.outputs.results import Worth, describe_expectation
 from vfm_sdm.stages.cameras.base import CameraEstimate
-from vfm_sdm.stages.matching.detection import detect_features
+from vfm_sdm.stages.matching.detection import ImageFeatures, detect_features
 from vfm_sdm.stages.matching.epipolar import epipolar_band
 from vfm_sdm.stages.matching.locate import PointFinder
 from vfm_sdm.stages.matching.repeats import lie_on_repeats
 from vfm_sdm.stages.matching.starts import find_depth_range
+from vfm_sdm.stages.tracking.design.samples import SAMPLES
 
 __all__ = ["Counterpart", "Sight", "Subset", "provisional"]
 
@@ -108,7 +109,12 @@ class Sight:
     def __init__(self, session: Session) -> None:
         self._measurement = Measurement(session)
         self._recordings = self._measurement.recordings
-        self._lock = Lock()
+        self._sampled = {view: _SampledVideo(video) for view, video in self._recordings.items()}
+        self._first: dict[str, bytes] = {}
+        self._related: CameraEstimate | None = None
+        self._features: dict[str, ImageFeatures] = {}
+        # Relating the views takes long; what a pixel is worth must not wait for it.
+        self._lock, self._relating = Lock(), Lock()
 
     @property
     def sizes(self) -> dict[str, tuple[int, int]]:
@@ -138,11 +144,26 @@ class Sight:
         video = self._recordings.get(view)
         if video is None:
             raise SessionError(f"view: expected one of {', '.join(self._recordings)}, got {view!r}; reload the page")
-        colours = video.single(number).color_frame(number)
+        if not number and view in self._first:
+            return self._first[view]
+        # Several threads decode several pictures before the first one comes out.
+        one = video.single(number)
+        colours = (one if number else one.on_one_thread()).color_frame(number)
         ok, encoded = cv2.imencode(".jpg", colours[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
         if not ok:
             raise VideoError(f"{view}: expected a picture that JPEG can hold, got {colours.shape}; choose another film")
-        return bytes(encoded)
+        picture = bytes(encoded)
+        if not number:
+            self._first[view] = picture
+        return picture
+
+    def look_around(self) -> None:
+        """Reads and computes what every click needs of all views, so that the first one does not wait for it."""
+        for view, video in self._sampled.items():
+            with self._lock:
+                video.spread(SAMPLES)
+            self._repeats(view, (0.0, 0.0))
+        _ = self.relation
 
     def judge(self, view: str, pixel: tuple[float, float]) -> Subset:
         """What a pixel should measure.
@@ -157,10 +178,10 @@ class Sight:
         point = Point(name="here", view=view, pixel=pixel)
         with self._lock:
             asked = Measurement(self._measurement.session.model_copy(update={"point": (point,)}))
-            subset = asked.given(recordings=self._recordings).expectation[view].isel(point=0)
-            words, worth = describe_expectation(subset)
-            if worth in (Worth.GOOD, Worth.PART) and self._repeats(view, pixel):
-                words, worth = f"{words}; its pattern repeats, so it may be mistaken for a place beside it", Worth.PART
+            subset = asked.given(recordings=self._sampled).expectation[view].isel(point=0)
+        words, worth = describe_expectation(subset)
+        if worth in (Worth.GOOD, Worth.PART) and self._repeats(view, pixel):
+            words, worth = f"{words}; its pattern repeats, so it may be mistaken for a place beside it", Worth.PART
         std_px = subset["expected_std"].values
         return Subset(int(subset["subset_px"].item()), (float(std_px[0]), float(std_px[1])), words, worth)
 
@@ -181,8 +202,8 @@ class Sight:
                 view: Counterpart(pixel, "named" if pixel else str(estimate.status)) for view, pixel in named.items()
             }
         session = self._measurement.session.model_copy(update={"point": (point,)})
-        with self._lock:
-            found = PointFinder(session, self._measurement.frames).find(estimate.rig, estimate.matches)
+        with self._relating:
+            found = PointFinder(session, self._frames).find(estimate.rig, estimate.matches)
         here, result = views.index(point.view), {}
         for view in others:
             place = found["position"].sel(view=view, point=point.name).values
@@ -194,16 +215,21 @@ class Sight:
             result[view] = Counterpart(pixel, status, line)
         return result
 
-    @cached_property
+    @property
     def relation(self) -> CameraEstimate:
         """Cameras as the pictures and what is known of them tell them, once looked for; none where they do not."""
-        session, frames = self._measurement.session, self._measurement.frames
+        with self._relating:
+            if self._related is None:
+                try:
+                    self._related = self._measurement.part("cameras").estimate(self._measurement.session, self._frames)
+                except CameraError as error:
+                    self._related = CameraEstimate(None, status=str(error))
+            return self._related
+
+    @property
+    def _frames(self) -> FirstFrames:
         with self._lock:
-            try:
-                found: CameraEstimate = self._measurement.part("cameras").estimate(session, frames)
-            except CameraError as error:
-                found = CameraEstimate(None, status=str(error))
-        return found
+            return self._measurement.frames
 
     def _line(self, estimate: CameraEstimate, pixel: FloatArray, views: tuple[int, int]) -> list[tuple[float, float]]:
         """The part of an epipolar line that the picture shows."""
@@ -220,9 +246,33 @@ class Sight:
 
     def _repeats(self, view: str, pixel: tuple[float, float]) -> bool:
         if view not in self._features:
-            self._features[view] = detect_features(self._measurement.frames[view])
+            self._features[view] = detect_features(self._frames[view])
         return bool(lie_on_repeats(np.array([pixel]), self._features[view])[0])
 
-    @cached_property
-    def _features(self) -> dict[str, Any]:
-        return {}
+
+class _SampledVideo:
+    """A recording that keeps the frames spread over it, once they were read; else it is the recording.
+
+    Parameters
+    ----------
+    video
+        The recording.
+    """
+
+    def __init__(self, video: Video) -> None:
+        self._video, self._frames = video, dict[tuple[int, int], list[Frame]]()
+
+    def spread(self, count: int, *, also: int = 0) -> list[Frame]:
+        """As `Video.spread`."""
+        if (count, also) not in self._frames:
+            # Copies: a frame as it comes keeps the decoder's memory.
+            read = self._video.spread(count, also=also)
+            self._frames[count, also] = [replace(one, luma=one.luma.copy(), convert=_without_colours) for one in read]
+        return self._frames[count, also]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._video, name)
+
+
+def _without_colours(_: Region) -> RgbArray:
+    raise VideoError("sampled frame: expected luma alone to be read, got a question for colours; ask the recording")

@@ -67,6 +67,7 @@ class _Points:
             for view, (width, height) in self.sight.sizes.items():
                 self._picture(view, width, height)
         self.refresh()
+        await in_thread(self.sight.look_around)
         await self.look_for_all()
 
     def _picture(self, view: str, width: int, height: int) -> None:
