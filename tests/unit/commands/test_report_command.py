@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from run_folders import write_run
+from vfm_sdm.core.run_folder import RunFolder
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +37,7 @@ def test_a_folder_without_a_run_ends_with_one_line(command, tmp_path):
     assert "expected a summary, got no such file" in err
 
 
-def test_measuring_another_session_removes_the_report(run):
-    from vfm_sdm.core.run_folder import RunFolder
-
-    folder = RunFolder(run)
-    (run / "report.html").touch()
-    with folder.opened({"session_hash": "another", "input_hashes": {}}):
-        assert not (run / "report.html").exists()
+def test_measuring_another_session_removes_the_report(tmp_path):
+    (tmp_path / "report.html").touch()
+    with RunFolder(tmp_path).opened({"session_hash": "another", "input_hashes": {}}):
+        assert not (tmp_path / "report.html").exists()
