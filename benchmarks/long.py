@@ -34,6 +34,7 @@ from vfm_sdm.core.arrays import time_blocks  # noqa: E402
 from vfm_sdm.core.block_files import BlockFile, time_variables  # noqa: E402
 from vfm_sdm.core.datasets import make_tracks  # noqa: E402
 from vfm_sdm.core.netcdf import read_displacement  # noqa: E402
+from vfm_sdm.core.statuses import Verdict  # noqa: E402
 from vfm_sdm.inputs.session import read_session, write_session  # noqa: E402
 from vfm_sdm.measurement import Measurement  # noqa: E402
 from vfm_sdm.outputs.plots import describe_run, save_figures  # noqa: E402
@@ -339,21 +340,21 @@ def measure_day(folder: Path, hours: float) -> dict[str, object]:
     moving = [str(name).startswith("p") for name in truth["point"].values]
     verdicts = [str(one.verdict) for one in audit.intervals]
     figures = {
-        "hours": hours,
+        "recording_s": 3600 * hours,
         "frames": displacement.sizes["time"],
         "points": displacement.sizes["point"],
-        "intervals": len(verdicts),
+        "fit_share": verdicts.count(Verdict.FIT) / max(len(verdicts), 1),
         "verdict": str(audit.verdict),
         "rms_vertical_mm": float(np.sqrt(np.nanmean(error[:, moving, 1] ** 2))),
         "rms_lateral_mm": float(np.sqrt(np.nanmean(error[:, moving, 0] ** 2))),
         "inside_share": float(held[:, moving].mean()),
-        "coverage_valid": float(np.mean([one["coverage_valid"] for one in summary["points"].values()])),
-        **{f"seconds_{name.split()[0]}": value for name, value in seconds.items()},
+        "share_valid": float(np.mean([one["coverage_valid"] for one in summary["points"].values()])),
+        **{f"{name.split()[0]}_s": value for name, value in seconds.items()},
         "peak_mb": peak_mb(),
         "file_mb": (folder / "run" / "displacement.nc").stat().st_size / 1e6,
     }
     print({verdict: verdicts.count(verdict) for verdict in set(verdicts)}, figures["verdict"], flush=True)
-    return {"day": figures}
+    return figures
 
 
 def peak_mb() -> float:
