@@ -28,6 +28,8 @@ _SIGNIFICANT = 20.0
 _PREDICTED = 0.75
 """Share of the static points' slow shifts that the others must predict; by chance, two that drift agree by half."""
 _UNKNOWN_REST = np.full(2, np.nan)
+_LEFT_PX = 0.01
+"""Mean shift from a known rest from which on the camera has left it: a joint between intervals of as much."""
 _CLEAR = 5.0
 _CLEAR_PX = 0.1
 """Multiples of their noise, and of a drift, that the shifts of a single static point must exceed: nothing checks it."""
@@ -224,7 +226,9 @@ def _remove_from_view(
     shifts = _compute_shifts(position[:, usable], seen, model.rest, series.predicted)
     shift, left = (_keep_measured(one, across) for one in shifts)
     before, after = _compute_scatter(shift), _compute_scatter(left)
-    if model.likelihood_ratio < _SIGNIFICANT:
+    if len(usable) > 1 and _has_left(shift, rest):
+        status = CameraMotionStatus.OK
+    elif model.likelihood_ratio < _SIGNIFICANT:
         status = CameraMotionStatus.STILL
     elif len(usable) == 1:
         stated = tracks["position_covariance"].values[:, usable]
@@ -242,6 +246,15 @@ def _remove_from_view(
     if not view.applied:
         return tracks, view
     return _subtract_motion(tracks, jacobian, usable, (model, position[:, usable], covariance)), view
+
+
+def _has_left(shift: FloatArray, rest: FloatArray) -> bool:
+    """Whether a camera stands elsewhere than at the rest (S, 2) [px] that earlier parts of the recording gave.
+
+    It may keep still there: then the part alone shows no motion, and what was taken out before it would come back.
+    """
+    known = np.isfinite(rest).all(axis=1)
+    return bool(known.any()) and _root_mean_square(np.nanmean(shift[:, known], axis=0)) > _LEFT_PX
 
 
 @dataclass(frozen=True, eq=False)
