@@ -28,8 +28,6 @@ _SIGNIFICANT = 20.0
 _PREDICTED = 0.75
 """Share of the static points' slow shifts that the others must predict; by chance, two that drift agree by half."""
 _UNKNOWN_REST = np.full(2, np.nan)
-_LEFT_PX = 0.01
-"""Mean shift from a known rest from which on the camera has left it: a joint between intervals of as much."""
 _CLEAR = 5.0
 _CLEAR_PX = 0.1
 """Multiples of their noise, and of a drift, that the shifts of a single static point must exceed: nothing checks it."""
@@ -226,9 +224,7 @@ def _remove_from_view(
     shifts = _compute_shifts(position[:, usable], seen, model.rest, series.predicted)
     shift, left = (_keep_measured(one, across) for one in shifts)
     before, after = _compute_scatter(shift), _compute_scatter(left)
-    if len(usable) > 1 and _has_left(shift, rest):
-        status = CameraMotionStatus.OK
-    elif model.likelihood_ratio < _SIGNIFICANT:
+    if model.likelihood_ratio < _SIGNIFICANT:
         status = CameraMotionStatus.STILL
     elif len(usable) == 1:
         stated = tracks["position_covariance"].values[:, usable]
@@ -236,7 +232,7 @@ def _remove_from_view(
         clear = before[0] > max(_CLEAR * noise_px, _CLEAR_PX)
         status = CameraMotionStatus.ONE_POINT if clear else CameraMotionStatus.STILL
     else:
-        predicted = _compute_predicted_share(shift, left) > _PREDICTED
+        predicted = _compute_predicted_share(shift, left, rest) > _PREDICTED
         status = CameraMotionStatus.OK if predicted else CameraMotionStatus.NO_GAIN
     found = np.asarray(seen.any(axis=1))[:, None]
     motion, std = (np.where(found, one, np.nan) for one in (series.motion, series.std))
@@ -246,15 +242,6 @@ def _remove_from_view(
     if not view.applied:
         return tracks, view
     return _subtract_motion(tracks, jacobian, usable, (model, position[:, usable], covariance)), view
-
-
-def _has_left(shift: FloatArray, rest: FloatArray) -> bool:
-    """Whether a camera stands elsewhere than at the rest (S, 2) [px] that earlier parts of the recording gave.
-
-    It may keep still there: then the part alone shows no motion, and what was taken out before it would come back.
-    """
-    known = np.isfinite(rest).all(axis=1)
-    return bool(known.any()) and _root_mean_square(np.nanmean(shift[:, known], axis=0)) > _LEFT_PX
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,17 +282,22 @@ def _keep_measured(shift: FloatArray, across: FloatArray) -> FloatArray:
     return np.where(np.isfinite(across), part, shift)
 
 
-def _compute_predicted_share(shift: FloatArray, left: FloatArray) -> float:
-    """Share of the shifts' variance, beyond noise that is white in time, that the others predict; at most 1."""
-    before, after = _root_mean_square(_compute_scatter(shift)) ** 2, _root_mean_square(_compute_scatter(left)) ** 2
+def _compute_predicted_share(shift: FloatArray, left: FloatArray, rest: FloatArray) -> float:
+    """Share of the shifts' variance, beyond noise that is white in time, that the others predict; at most 1.
+
+    Of a point whose rest (S, 2) [px] is known, shifts count from there: a camera that has left it may keep still in
+    this part of the recording, and what was taken out before would come back.
+    """
+    known = np.asarray(np.isfinite(rest).all(axis=1))[:, None]
+    before, after = (_root_mean_square(_compute_scatter(one, known)) ** 2 for one in (shift, left))
     white = _root_mean_square(np.diff(left, axis=0)) ** 2
     # Twice the variance of u or v, as the difference of two frames has it, is what u and v have together.
     return (before - after) / max(before - min(white, after), np.finfo(float).tiny)
 
 
-def _compute_scatter(shift: FloatArray) -> FloatArray:
-    """Root mean square distance from the mean over time, (T, S, 2) to (S,); NaN for a point without samples."""
-    squares = mean_of_known((shift - mean_of_known(shift)) ** 2)
+def _compute_scatter(shift: FloatArray, from_rest: BoolArray | bool = False) -> FloatArray:
+    """Root mean square distance from the mean over time, or from the rest, (T, S, 2) to (S,); NaN without samples."""
+    squares = mean_of_known((shift - np.where(from_rest, 0.0, mean_of_known(shift))) ** 2)
     return np.asarray(np.sqrt(squares.sum(axis=-1)))
 
 
