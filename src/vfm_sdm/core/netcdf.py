@@ -64,9 +64,10 @@ def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
     ...     print(read_dataset(path, lambda found: found, kind="lengths", command="make").attrs)
     {'notes': ['measured', None]}
     """
-    stored = storable(described(dataset))
+    dataset = described(dataset)
+    stored = storable(dataset)
     if stored.nbytes > _LONG_BYTES and "time" in stored.dims:
-        return _write_in_blocks(Path(path), described(dataset))
+        return _write_in_blocks(Path(path), dataset)
     content = stored.to_netcdf(engine=_ENGINE, encoding=_choose_compression(stored))
     return write_file(path, sealed(content))
 

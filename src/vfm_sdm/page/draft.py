@@ -97,10 +97,7 @@ class Draft:
                             return
                         here[step] = tomlkit.table()
                     here = here[step]
-            if value is not None:
-                here[path[-1]] = _as_item(value)
-            elif path[-1] in here:
-                del here[path[-1]]
+            _set(here, path[-1], value)
 
     def set_rows(self, table: str, rows: Sequence[Mapping[str, object]]) -> None:
         """Sets a list of tables as a whole; those of the same name keep what is not said of them.
@@ -123,10 +120,7 @@ class Draft:
             for row in rows:
                 one = before.get(row["name"], tomlkit.table())
                 for key, value in row.items():
-                    if value is not None:
-                        one[key] = _as_item(value)
-                    elif key in one:
-                        del one[key]
+                    _set(one, key, value)
                 listed.append(one)
             if rows:
                 document[table] = listed
@@ -186,10 +180,7 @@ class Draft:
         with self._changed() as document:
             row = self._row(document.get("point", ()), name)
             for key, value in fields.items():
-                if value is not None:
-                    row[key] = _as_item(value)
-                elif key in row:
-                    del row[key]
+                _set(row, key, value)
             if renamed != name:
                 _rename(document, name, str(renamed))
 
@@ -277,6 +268,14 @@ def _as_item(value: object, *, inline: bool = True) -> Any:
     for key, one in value.items():
         table[key] = _as_item(one)
     return table
+
+
+def _set(table: Any, key: str, value: object | None) -> None:
+    """Sets a field of a table; nothing removes it."""
+    if value is not None:
+        table[key] = _as_item(value)
+    elif key in table:
+        del table[key]
 
 
 def _rename(document: Any, name: str, renamed: str) -> None:

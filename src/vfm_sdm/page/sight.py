@@ -162,7 +162,7 @@ class Sight:
         for view, video in self._sampled.items():
             with self._lock:
                 video.spread(SAMPLES)
-            self._repeats(view, (0.0, 0.0))
+            self._features_of(view)
         _ = self.relation
 
     def judge(self, view: str, pixel: tuple[float, float]) -> Subset:
@@ -245,9 +245,12 @@ class Sight:
         return [(float(u), float(v)) for u, v in inside[chosen]]
 
     def _repeats(self, view: str, pixel: tuple[float, float]) -> bool:
+        return bool(lie_on_repeats(np.array([pixel]), self._features_of(view))[0])
+
+    def _features_of(self, view: str) -> ImageFeatures:
         if view not in self._features:
             self._features[view] = detect_features(self._frames[view])
-        return bool(lie_on_repeats(np.array([pixel]), self._features[view])[0])
+        return self._features[view]
 
 
 class _SampledVideo:

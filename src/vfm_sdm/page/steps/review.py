@@ -64,7 +64,7 @@ class _Review:
         audit = summary.get("audit") or {}
         verdict = str(audit.get("verdict", "no verdict"))
         with ui.row().classes("items-center"):
-            ui.label(verdict).classes(f"text-h6 text-{_VERDICTS.get(verdict, 'grey')}").mark("verdict")
+            ui.label(verdict).classes(f"text-h6 text-{_VERDICTS.get(verdict, 'grey')}")
             ui.label(f"{summary.get('name', '')}; cameras: {summary.get('status', '')}")
             language = ui.select({"en": "English", "de": "Deutsch"}, value="en").props("dense")
 
