@@ -129,7 +129,7 @@ def test_killed_runs_end_with_the_bytes_of_an_undisturbed_one(scene, undisturbed
             status = runner.run(moment)
             assert status in (0, -9)
             killed += status == -9
-            pieces = max(pieces, len(list(out.glob("tracks/*/*.nc"))))
+            pieces = max(pieces, len(list(out.glob("tracks/*/*.npz"))))
     assert killed >= min(kills // 2, 3)
     words = ["displacement", scene, "-o", out, *(["--workers", workers] if workers else [])]
     assert command(*words)[0] == 0
@@ -154,7 +154,7 @@ def test_a_run_goes_on_where_it_was_killed(scene, undisturbed, tmp_path):
     with pytest.raises(Killed):
         Measurement(session, out, progress=stop).run("displacement")
     assert sorted(str(path.relative_to(out)) for path in out.glob("tracks/*/*")) == [
-        str(Path("tracks", group, f"000{number}.nc"))
+        str(Path("tracks", group, f"000{number}.npz"))
         for group, count in (("0", 3), ("1", 2))
         for number in range(count)
     ]

@@ -45,7 +45,7 @@ def test_pieces_of_others_are_not_taken(tmp_path):
 def test_damaged_pieces_are_none(tmp_path, content):
     pieces = Pieces(tmp_path, "key")
     pieces.write(0, 0, piece())
-    path = tmp_path / "0" / "0000.nc"
+    path = tmp_path / "0" / "0000.npz"
     whole = path.read_bytes()
     path.write_bytes(whole[:100] + b"\0" * 50 + whole[150:] if content is None else content)
     assert pieces.read(0, 0) is None
@@ -57,7 +57,7 @@ def test_what_was_half_written_goes_and_pieces_stay(tmp_path):
     pieces = Pieces(tmp_path / "tracks", "key")
     pieces.tidy()
     pieces.write(0, 0, piece())
-    half = tmp_path / "tracks" / "0" / ".0001-0123abcd.nc"
+    half = tmp_path / "tracks" / "0" / ".0001-0123abcd.npz"
     half.write_bytes(b"half")
     pieces.tidy()
     assert not half.exists()
@@ -71,7 +71,7 @@ def test_only_pieces_are_removed(tmp_path):
     pieces.write(12, 10_000, piece())
     pieces.clear()
     assert list(tmp_path.iterdir()) == []
-    kept = [tmp_path / "tracks" / name for name in ("mine.nc", "left/0001.nc", "0/film.mp4", "0/001.nc")]
+    kept = [tmp_path / "tracks" / name for name in ("mine.npz", "left/0001.npz", "0/film.mp4", "0/001.npz")]
     for path in kept:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"mine")

@@ -222,7 +222,7 @@ def test_pieces_stay_until_their_product_is_whole(tmp_path):
             return self.found
 
     Keeps(Numbers(), tmp_path).ask(Keeps.rough)
-    assert (tmp_path / "rough" / "0" / "0000.nc").exists()
+    assert (tmp_path / "rough" / "0" / "0000.npz").exists()
     whole = Keeps(Numbers(), tmp_path)
     whole.found = 10
     assert whole.rough == 10

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray, time_blocks
 
 __all__ = ["compare_rows", "find_alike", "sample_rows"]
 
@@ -15,6 +15,8 @@ _LEAST_STEP = 8
 _FEWEST = 12
 _ABOUT = 7
 """Frames to each side that say what is usual: half a second."""
+_BLOCK = 65536
+"""Frames whose surroundings are in memory at a time."""
 _USUAL = 0.8
 """Quantile of the changes about a frame that is usual: most of the frames of a converted rate may be repeated."""
 _UNCHANGED = 0.5
@@ -94,9 +96,7 @@ def find_alike(rms: FloatArray, changed: FloatArray) -> IntArray:
     if len(rms) < _FEWEST:
         return none
     level = np.log(np.maximum(rms, 1e-3))
-    padded = [np.pad(series, _ABOUT, constant_values=np.nan) for series in (level, changed)]
-    windows = [np.lib.stride_tricks.sliding_window_view(one, 2 * _ABOUT + 1) for one in padded]
-    usual_level, usual_changed = (np.nanquantile(window, _USUAL, axis=1) for window in windows)
+    usual_level, usual_changed = (_usual(series) for series in (level, changed))
     sees_noise = usual_changed > 1 - _UNCHANGED
     share = np.divide(changed, usual_changed, out=np.ones_like(changed), where=sees_noise)
     found = (share < _PIXELS_CHANGED) & (level < usual_level + np.log(_CHANGE))
@@ -106,3 +106,16 @@ def find_alike(rms: FloatArray, changed: FloatArray) -> IntArray:
     frames = np.flatnonzero(found) + 1
     even = int(np.gcd.reduce(np.diff(frames))) if len(frames) > 1 else 1
     return none if even ** (len(frames) - 1) > _CHANCE else frames
+
+
+def _usual(series: FloatArray) -> FloatArray:
+    """What is usual about each value of a series (T,)."""
+    padded = np.pad(series, _ABOUT, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _ABOUT + 1)
+    usual = np.empty(len(series))
+    for block in time_blocks(len(series), size=_BLOCK):
+        known = np.isfinite(windows[block]).all(axis=1)
+        # Row by row, as NumPy looks past NaN, takes a hundred times as long.
+        usual[block][known] = np.quantile(windows[block][known], _USUAL, axis=1)
+        usual[block][~known] = np.nanquantile(windows[block][~known], _USUAL, axis=1)
+    return usual

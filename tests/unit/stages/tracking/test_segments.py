@@ -275,8 +275,8 @@ class TestFailures:
     def test_damaged_and_other_pieces_are_tracked_again(self, film, tmp_path):
         folder = tmp_path / "tracks"
         whole = track(film, pieces=Pieces(folder, "key"))
-        (folder / "0" / "0003.nc").write_bytes(b"half")
-        (folder / "0" / "0007.nc").unlink()
+        (folder / "0" / "0003.npz").write_bytes(b"half")
+        (folder / "0" / "0007.npz").unlink()
         counts = FailsAt()
         assert bits(tmp_path, track(film, executor=counts, pieces=Pieces(folder, "key"))) == bits(tmp_path, whole)
         assert counts.tried == [30, 70]
