@@ -198,7 +198,7 @@ class Measurement(SessionChain):
     def tracks(self, session: Session) -> dict[str, xr.Dataset]:
         """Tracks of all points by view, each on its own clock."""
         tracker = self.part("trackers")
-        work = Work(session.method.segment_s, self._executor, self.pieces())
+        work = Work(session.method.segment_s, self._executor, self.pieces(), self.folder)
         return track_views(self.recordings, self.points, tracker, subsets=self.subsets, progress=self._say, work=work)
 
     @product(

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from shutil import rmtree
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import h5netcdf
@@ -12,7 +14,10 @@ import xarray as xr
 from vfm_sdm.core.stored import restored, storable
 from vfm_sdm.errors import ResultsError
 
-__all__ = ["BlockFile", "time_variables"]
+__all__ = ["LONG_BYTES", "BlockFile", "JoinedBlocks", "ScratchFile", "time_variables"]
+
+LONG_BYTES: Final = 1 << 25
+"""Size from which on a dataset is written, and read, part by part."""
 
 _ENGINE: Final = "h5netcdf"
 _CHUNK = 4096
@@ -37,6 +42,8 @@ class BlockFile:
     ----------
     path
         The file to make; it is whole only after `finish`.
+    group
+        Group of the file that holds the dataset; the file itself when left out.
 
     Examples
     --------
@@ -53,8 +60,8 @@ class BlockFile:
     6 {'gauge': 'north'} 0.16
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._frames = path, 0
+    def __init__(self, path: Path, group: str | None = None) -> None:
+        self._path, self._group, self._frames = path, group, 0
 
     def append(self, block: xr.Dataset) -> None:
         """Writes the variables of a block that have the dim ``time``; all blocks have the same.
@@ -99,7 +106,7 @@ class BlockFile:
         """
         try:
             with h5netcdf.File(self._path, "a") as file:
-                variable = file.variables[name]
+                variable = self._inside(file).variables[name]
                 variable[frames] = change(variable[frames])
         except OSError as error:
             raise _cannot_write(self._path, error) from error
@@ -120,24 +127,35 @@ class BlockFile:
         stored = storable(rest)
         try:
             with h5netcdf.File(self._path, "r") as file:
-                known = set(file.variables)
+                known = set(self._inside(file).variables)
             stored = stored.drop_vars([name for name in stored.variables if name in known])
-            stored.to_netcdf(self._path, mode="a", engine=_ENGINE)
+            stored.to_netcdf(self._path, mode="a", engine=_ENGINE, group=self._group)
         except OSError as error:
             raise _cannot_write(self._path, error) from error
         # Without a cache: what was looked at once need not stay in memory.
-        return restored(xr.open_dataset(self._path, engine=_ENGINE, decode_times=False, cache=False))
+        return restored(xr.open_dataset(self._path, engine=_ENGINE, decode_times=False, cache=False, group=self._group))
+
+    def _inside(self, file: h5netcdf.File) -> h5netcdf.Group:
+        return file if self._group is None else file[self._group]
 
     def _begin(self, block: xr.Dataset) -> None:
         stored = storable(block)
         stored.attrs = {}
         self._path.parent.mkdir(parents=True, exist_ok=True)
         encoding = {name: _choose_layout(stored.variables[name]) for name in time_variables(stored)}
-        stored.to_netcdf(self._path, engine=_ENGINE, encoding=encoding, unlimited_dims=["time"])
+        stored.to_netcdf(
+            self._path,
+            mode="a",
+            engine=_ENGINE,
+            encoding=encoding,
+            unlimited_dims=["time"],
+            group=self._group,
+        )
 
     def _extend(self, block: xr.Dataset, names: list[str]) -> None:
         frames = block.sizes["time"]
-        with h5netcdf.File(self._path, "a") as file:
+        with h5netcdf.File(self._path, "a") as whole:
+            file = self._inside(whole)
             known = {name for name, variable in file.variables.items() if "time" in variable.dimensions}
             if known != set(names):
                 raise ResultsError(
@@ -149,6 +167,115 @@ class BlockFile:
                 axis = variable.dimensions.index("time")
                 where = [slice(None)] * axis + [slice(self._frames, self._frames + frames)]
                 variable[tuple(where)] = block[name].transpose(*variable.dimensions).values
+
+
+class ScratchFile(BlockFile):
+    """A file of blocks that nobody keeps: it goes when the dataset that is read from it does.
+
+    Parameters
+    ----------
+    folder
+        Folder in which it lies; that for temporary files when ``None``.
+    prefix
+        Beginning of its name there, by which `clear` finds it.
+    """
+
+    def __init__(self, folder: Path | None, prefix: str) -> None:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+        self._place = TemporaryDirectory(prefix=prefix, dir=folder)
+        super().__init__(Path(self._place.name, "blocks.nc"))
+
+    @staticmethod
+    def clear(folder: Path | None, prefix: str) -> None:
+        """Removes the files of a run that was cut short.
+
+        Parameters
+        ----------
+        folder, prefix
+            As of the files.
+        """
+        for left in [] if folder is None else folder.glob(f"{prefix}*"):
+            rmtree(left, ignore_errors=True)
+
+    def finish(self, rest: xr.Dataset) -> xr.Dataset:
+        """The whole dataset; see `BlockFile.finish`.
+
+        Parameters
+        ----------
+        rest
+            As there.
+        """
+        whole = super().finish(rest)
+        whole.encoding["place"] = self._place
+        return whole
+
+
+class JoinedBlocks:
+    """Blocks of frames as one dataset: in memory, or in a `ScratchFile` where they are long.
+
+    Parameters
+    ----------
+    folder, prefix
+        Where that file lies, as there.
+
+    Examples
+    --------
+    >>> joined = JoinedBlocks(None, "levels-")
+    >>> for begin_s in (0.0, 2.0):
+    ...     time_s = begin_s + np.arange(2)
+    ...     joined.append(xr.Dataset({"level": ("time", time_s**2)}, coords={"time": time_s}))
+    >>> joined.finish(xr.Dataset(attrs={"gauge": "north"}))["level"].values.tolist()
+    [0.0, 1.0, 4.0, 9.0]
+    """
+
+    def __init__(self, folder: Path | None, prefix: str) -> None:
+        self._folder, self._prefix = folder, prefix
+        self._open: list[xr.Dataset] = []
+        self._bytes = 0
+        self._file: ScratchFile | None = None
+
+    def append(self, block: xr.Dataset) -> None:
+        """Adds the variables of a block that have the dim ``time``; all blocks have the same.
+
+        Parameters
+        ----------
+        block
+            Variables of any shape and unit.
+
+        Raises
+        ------
+        ResultsError
+            The file cannot be written.
+        """
+        along = block[time_variables(block)]
+        if self._file is None:
+            self._open.append(along)
+            self._bytes += along.nbytes
+            if self._bytes > LONG_BYTES:
+                self._file = ScratchFile(self._folder, self._prefix)
+                for one in self._open:
+                    self._file.append(one)
+                self._open.clear()
+        else:
+            self._file.append(along)
+
+    def finish(self, rest: xr.Dataset) -> xr.Dataset:
+        """The whole dataset.
+
+        Parameters
+        ----------
+        rest
+            All variables without the dim ``time``, and the attributes.
+        """
+        if self._file is not None:
+            return self._file.finish(rest).assign_attrs(rest.attrs)  # which a file gives back as plain lists and text
+        joined, first = {}, self._open[0]
+        for name in time_variables(first):
+            one = first[name]
+            parts = [block[name].values for block in self._open]
+            joined[name] = (one.dims, np.concatenate(parts, axis=one.dims.index("time")), one.attrs)
+        return rest.assign(joined).set_coords(list(first.coords))
 
 
 def _cannot_write(path: Path, error: OSError) -> ResultsError:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import xarray as xr
 
 from vfm_sdm.core.arrays import time_blocks
-from vfm_sdm.core.block_files import BlockFile, time_variables
+from vfm_sdm.core.block_files import LONG_BYTES, BlockFile, time_variables
 from vfm_sdm.core.cf import CONVENTIONS, described, undescribed
 from vfm_sdm.core.datasets import check_displacement, check_points, check_tracks
 from vfm_sdm.core.files import replace_file, write_file
@@ -31,8 +31,6 @@ __all__ = [
 ]
 
 _ENGINE: Final = "h5netcdf"
-_LONG_BYTES: Final = 1 << 28
-"""Size from which on a dataset is written, and tracks are read, part by part."""
 _BLOCK: Final = 65536
 """Frames that are in memory at a time."""
 _READ_ERRORS = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, AssertionError)
@@ -66,21 +64,25 @@ def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
     """
     dataset = described(dataset)
     stored = storable(dataset)
-    if stored.nbytes > _LONG_BYTES and "time" in stored.dims:
-        return _write_in_blocks(Path(path), dataset)
+    if stored.nbytes > LONG_BYTES and "time" in stored.dims:
+        return _write_in_blocks(Path(path), xr.Dataset(), {None: dataset})
     content = stored.to_netcdf(engine=_ENGINE, encoding=_choose_compression(stored))
     return write_file(path, sealed(content))
 
 
-def _write_in_blocks(path: Path, dataset: xr.Dataset) -> Path:
-    """Writes a dataset of which only a part is in memory at a time."""
-    along = time_variables(dataset)
-    with replace_file(path) as temporary:
-        file = BlockFile(temporary)
-        for block in time_blocks(dataset.sizes["time"], size=_BLOCK):
-            file.append(dataset[along].isel(time=block).load())
-        file.finish(dataset.drop_vars(along)).close()
-        seal_file(temporary)
+def _write_in_blocks(path: Path, head: xr.Dataset, groups: Mapping[str | None, xr.Dataset]) -> Path:
+    """Writes groups of which only a part is in memory at a time, and the attributes of the whole."""
+    try:
+        with replace_file(path) as temporary:
+            head.to_netcdf(temporary, engine=_ENGINE)
+            for group, dataset in groups.items():
+                file, along = BlockFile(temporary, group), time_variables(dataset)
+                for block in time_blocks(dataset.sizes["time"], size=_BLOCK):
+                    file.append(dataset[along].isel(time=block).load())
+                file.finish(dataset.drop_vars(along)).close()
+            seal_file(temporary)
+    except OSError as error:
+        raise ResultsError(f"{path}: expected to write it, got: {error}; make room, or use another disk") from error
     return path
 
 
@@ -141,14 +143,15 @@ def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -
     for name in tracks_by_view:
         if not name or "/" in name or name == ".":
             raise ResultsError(f"{target}: expected view names without slashes, got {name!r}; rename the view")
-    groups = {f"/{name}": storable(described(check_tracks(tracks))) for name, tracks in tracks_by_view.items()}
-    tree = xr.DataTree.from_dict(
-        {
-            "/": xr.Dataset(attrs={"Conventions": CONVENTIONS, "views": JSON + json.dumps(list(tracks_by_view))}),
-            **groups,
-        }
-    )
+    views: dict[str | None, xr.Dataset] = {
+        f"/{name}": described(check_tracks(tracks)) for name, tracks in tracks_by_view.items()
+    }
+    head = xr.Dataset(attrs={"Conventions": CONVENTIONS, "views": JSON + json.dumps(list(tracks_by_view))})
+    if max(one.nbytes for one in views.values()) > LONG_BYTES:
+        return _write_in_blocks(target, head, views)
+    groups = {str(name): storable(one) for name, one in views.items()}
     encoding: dict[str, Any] = {name: _choose_compression(group) for name, group in groups.items()}
+    tree = xr.DataTree.from_dict({"/": head, **groups})
     return write_file(target, sealed(tree.to_netcdf(engine=_ENGINE, encoding=encoding)))
 
 
@@ -198,7 +201,7 @@ def open_tracks(path: Path | str) -> dict[str, xr.Dataset]:
         The file is missing, damaged or does not hold tracks.
     """
     file = _find_file(path, "tracks.nc")
-    if not file.is_file() or file.stat().st_size < _LONG_BYTES:
+    if not file.is_file() or file.stat().st_size < LONG_BYTES:
         return read_tracks(file)
     with _errors_of(file, "tracks", "vfm-sdm track"):
         check_seal(file)

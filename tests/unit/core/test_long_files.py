@@ -15,7 +15,7 @@ from vfm_sdm.errors import ResultsError
 @pytest.fixture
 def long(monkeypatch):
     """Every file is a long one."""
-    monkeypatch.setattr(netcdf, "_LONG_BYTES", 1)
+    monkeypatch.setattr(netcdf, "LONG_BYTES", 1)
     monkeypatch.setattr(netcdf, "_BLOCK", 7)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import xarray as xr
 
+from vfm_sdm.core.block_files import LONG_BYTES
 from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.netcdf import open_displacement, read_dataset, read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION, RunFolder
@@ -24,8 +25,6 @@ __all__ = ["MANY_POINTS", "ReportInputs", "check_modes", "open_run"]
 
 MANY_POINTS = 20
 """Points up to which each has a figure of its own."""
-_LONG_BYTES = 1 << 25
-"""Size of a file of displacement from which on it is read series by series."""
 _TABLES = ("points", "audit", "cameras", "versions", "seconds", "input_hashes")
 """Entries of ``summary.json`` without which a folder holds no run."""
 
@@ -175,7 +174,7 @@ def check_modes(modes: xr.Dataset) -> xr.Dataset:
 def _displacement(folder: Path) -> Iterator[xr.Dataset]:
     """Displacement of a run folder; a long one stays in its file, whose seal is looked at first."""
     file = folder / "displacement.nc"
-    if not file.is_file() or file.stat().st_size < _LONG_BYTES:
+    if not file.is_file() or file.stat().st_size < LONG_BYTES:
         yield read_displacement(folder)
         return
     try:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from vfm_sdm.core.netcdf import read_tracks, write_points, write_tracks
+from vfm_sdm.core.netcdf import open_tracks, write_points, write_tracks
 from vfm_sdm.core.products import Kept
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.outputs.results.exports import write_displacement
@@ -18,7 +18,7 @@ __all__ = ["CAMERAS", "DISPLACEMENT", "INJECTION", "POINTS", "REVISIT", "TRACKS"
 
 
 def _read_tracks(path: Path) -> tuple[dict[str, xr.Dataset], str]:
-    tracks = read_tracks(path)
+    tracks = open_tracks(path)
     keys = {str(of_view.attrs.pop("key", "")) for of_view in tracks.values()}
     return tracks, keys.pop() if len(keys) == 1 else ""
 

@@ -3,15 +3,13 @@
 import warnings
 from collections.abc import Hashable, Sequence
 from pathlib import Path
-from shutil import rmtree
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from vfm_sdm.core.block_files import BlockFile, time_variables
+from vfm_sdm.core.block_files import ScratchFile, time_variables
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.stages.intervals.division import Interval
@@ -34,10 +32,8 @@ class JoinedDisplacement:
     """
 
     def __init__(self, folder: Path | None) -> None:
-        for left in [] if folder is None else folder.glob(f"{_PREFIX}*"):
-            rmtree(left, ignore_errors=True)  # by a run that was cut short
-        self._place = TemporaryDirectory(prefix=_PREFIX, dir=folder)
-        self._file = BlockFile(Path(self._place.name, "displacement.nc"))
+        ScratchFile.clear(folder, _PREFIX)
+        self._file = ScratchFile(folder, _PREFIX)
         self._facts: list[xr.Dataset] = []
         self._intervals: list[Interval] = []
         self._sets: list[str] = []
@@ -98,9 +94,7 @@ class JoinedDisplacement:
         """
         for begin, end in ((self._ends[number], self._ends[number + 1]) for number, bad in enumerate(refused) if bad):
             self._file.change("status", slice(begin, end), _distrust)
-        whole = self._file.finish(self.facts())
-        whole.encoding["place"] = self._place  # it goes with the dataset
-        return whole
+        return self._file.finish(self.facts())
 
     def _with_common_sets(self, block: xr.Dataset) -> xr.Dataset:
         """A block whose sets of views are counted through all blocks."""

@@ -1,22 +1,24 @@
 """A view in segments: each is tracked by itself, in this process or another one, and all are judged together."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.block_files import JoinedBlocks
 from vfm_sdm.core.executors import run_tasks
 from vfm_sdm.core.pieces import Pieces
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import RecordingStatus
 from vfm_sdm.core.threads import small_algebra
 from vfm_sdm.errors import ResultsError
-from vfm_sdm.inputs.video import PassRecord, PassTally, Video
+from vfm_sdm.inputs.video import PassRecord, PassTally, Video, join_passes
 from vfm_sdm.stages.tracking.base import SegmentTracker, Targets
 from vfm_sdm.stages.tracking.looks import plan_looks
 from vfm_sdm.stages.tracking.standings import Standing
@@ -54,11 +56,14 @@ class Work:
         Who works: processes, a cluster; ``None`` is this process.
     pieces
         Where segments are kept for a run that is cut short; in memory without.
+    folder
+        Where tracks lie that are too long for memory; that for temporary files when ``None``.
     """
 
     segment_s: float = 60.0
     executor: Executor | None = None
     pieces: Pieces | None = None
+    folder: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +176,8 @@ class TrackedSegments:
         """Number of segments."""
         return len(self.tasks)
 
-    def records(self) -> list[xr.Dataset]:
-        """Records of the segments that were tracked.
+    def records(self) -> Iterator[xr.Dataset]:
+        """Records of the segments that were tracked, one after the other.
 
         Raises
         ------
@@ -183,7 +188,7 @@ class TrackedSegments:
         """
         if len(self.failed) == len(self.tasks):
             raise self.failed[0]
-        return [self._record(number) for number in range(len(self.tasks)) if number not in self.failed]
+        return (self._record(number) for number in range(len(self.tasks)) if number not in self.failed)
 
     def _record(self, number: int) -> xr.Dataset:
         found = self.read(number)
@@ -352,34 +357,45 @@ def read_pass(record: xr.Dataset) -> PassRecord:
     )
 
 
-def join_records(records: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Records of segments as one of the whole recording, without the passes over their frames.
+def join_records(records: Iterable[xr.Dataset], joined: JoinedBlocks) -> tuple[xr.Dataset, PassRecord]:
+    """Records of segments as one of the whole recording, and the passes over their frames as one.
 
     Parameters
     ----------
     records
         In the order of their frames, at least one.
+    joined
+        Where they are joined.
 
     Notes
     -----
     Of measurements in some frames (``sample``), as many are kept as of a recording in one piece: every second one is
     dropped as often as it takes.
     """
-    first = records[0].drop_vars([_PASS + name for name in _PASS_DIMS])
-    first.attrs = {name: value for name, value in first.attrs.items() if not str(name).startswith(_PASS)}
-    if len(records) == 1:
-        return first
+    passes: list[PassRecord] = []
+    samples: list[xr.Dataset] = []
+    rest = xr.Dataset()
+    for number, record in enumerate(records):
+        passes.append(read_pass(record))
+        found = record.drop_vars([_PASS + name for name in _PASS_DIMS])
+        found.attrs = {name: value for name, value in record.attrs.items() if not str(name).startswith(_PASS)}
+        joined.append(found)
+        samples.append(found[[name for name, variable in found.data_vars.items() if "sample" in variable.dims]])
+        rest = rest if number else found.drop_dims("time")
+    if len(samples) > 1:
+        rest = rest.drop_dims("sample", errors="ignore").assign(_join_samples(samples))
+    return joined.finish(rest), join_passes(passes)
+
+
+def _join_samples(parts: Sequence[xr.Dataset]) -> dict[str, Any]:
+    """Measurements in some frames of all segments, as variables."""
     joined: dict[str, Any] = {}
-    for name, variable in first.variables.items():
-        axis = next((dim for dim in ("time", "sample") if dim in variable.dims), None)
-        values = variable.values
-        if axis is not None:
-            values = np.concatenate([record[name].values for record in records], axis=variable.dims.index(axis))
-        if axis == "sample":
-            while len(values) >= MOST_SAMPLES:
-                values = values[1::2]
+    for name, variable in parts[0].data_vars.items():
+        values = np.concatenate([part[name].values for part in parts], axis=variable.dims.index("sample"))
+        while len(values) >= MOST_SAMPLES:
+            values = values[1::2]
         joined[str(name)] = (variable.dims, values, variable.attrs)
-    return xr.Dataset(joined, attrs=first.attrs).set_coords("time")
+    return joined
 
 
 def _counted_on(progress: Progress | None, first: int) -> Progress | None:

@@ -2,14 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.arrays import time_blocks
+from vfm_sdm.core.block_files import LONG_BYTES, JoinedBlocks, ScratchFile
 from vfm_sdm.core.datasets import Status, frames_of_points
 from vfm_sdm.core.progress import Progress
-from vfm_sdm.inputs.video import Video, VideoInfo, join_passes
+from vfm_sdm.inputs.video import Video, VideoInfo
 from vfm_sdm.stages.tracking.base import (
     DesignedTracker,
     SegmentTracker,
@@ -26,7 +29,6 @@ from vfm_sdm.stages.tracking.segments import (
     Work,
     join_records,
     plan_segments,
-    read_pass,
     track_segments,
 )
 from vfm_sdm.stages.tracking.standings import Standing, include_references
@@ -35,6 +37,10 @@ from vfm_sdm.stages.tracking.track_noise import include_track_noise
 from vfm_sdm.stages.tracking.undivided import InOnePiece, NoTargets
 
 __all__ = ["is_whole", "track_views"]
+
+_PREFIX = ".tracks-"
+_BLOCK = 65536
+"""Frames that are in memory at a time as long tracks are put by."""
 
 
 def track_views(
@@ -87,8 +93,9 @@ def track_views(
     plans = {
         name: plan_segments(view.video, view.tracker, view.targets, work.segment_s) for name, view in views.items()
     }
+    ScratchFile.clear(work.folder, _PREFIX)
     tracked = track_segments(plans, work, progress)
-    return {name: _finish(name, view, tracked[name]) for name, view in views.items()}
+    return {name: _finish(name, view, tracked[name], work.folder) for name, view in views.items()}
 
 
 def is_whole(tracks: Mapping[str, xr.Dataset]) -> bool:
@@ -136,12 +143,10 @@ class _View:
         )
 
 
-def _finish(name: str, view: _View, tracked: TrackedSegments) -> xr.Dataset:
-    """Tracks of a view, of the records of its segments."""
-    records = tracked.records()
-    report = join_passes([read_pass(record) for record in records]).report(view.video.info)
-    joined = join_records(records)
-    del records  # of hours, half of all memory
+def _finish(name: str, view: _View, tracked: TrackedSegments, folder: Path | None) -> xr.Dataset:
+    """Tracks of a view, of the records of its segments; long ones lie in a file in the folder."""
+    joined, passed = join_records(tracked.records(), JoinedBlocks(folder, _PREFIX))
+    report = passed.report(view.video.info)
     found = view.tracker.judge(joined, view.targets, view.video.info)
     del joined
     if len(view.targets.names) < len(view.names):
@@ -173,7 +178,17 @@ def _finish(name: str, view: _View, tracked: TrackedSegments) -> xr.Dataset:
         "remarks": [*info.remarks, *tracked.remarks, *clock.facts["remarks"]],
         "doubts": [*info.doubts, *tracked.doubts, *clock.facts["doubts"]],
     }
-    return tracks
+    return _put_by(tracks, folder)
+
+
+def _put_by(tracks: xr.Dataset, folder: Path | None) -> xr.Dataset:
+    """The same tracks, in a file where they are long."""
+    if tracks.nbytes <= LONG_BYTES:
+        return tracks.load()
+    joined = JoinedBlocks(folder, _PREFIX)
+    for block in time_blocks(tracks.sizes["time"], size=_BLOCK):
+        joined.append(tracks.isel(time=block))
+    return joined.finish(tracks.drop_dims("time"))
 
 
 def _describe_choices(subsets: Mapping[str, SubsetChoice], names: list[str]) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Recordings tracked segment by segment: as good as in one piece, by whomever, and whole but for what failed."""
 
+import gc
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import xarray as xr
 
 from drifting_plate import FPS, POINTS, SIZE, motion, pictures, write_film
 from moving_frames import memory_video
+from vfm_sdm.core.block_files import JoinedBlocks
 from vfm_sdm.core.datasets import Status, make_tracks
 from vfm_sdm.core.executors import ProcessWorkers
 from vfm_sdm.core.netcdf import write_tracks
@@ -226,6 +228,30 @@ class TestStarts:
         assert np.abs(errors(found, moved, places)[good]).max() < 0.1
 
 
+class TestLongRecordings:
+    @pytest.fixture
+    def long(self, monkeypatch):
+        """Whatever is tracked is too long for memory."""
+        monkeypatch.setattr("vfm_sdm.core.block_files.LONG_BYTES", 1)
+        monkeypatch.setattr("vfm_sdm.stages.tracking.views.LONG_BYTES", 1)
+        monkeypatch.setattr("vfm_sdm.stages.tracking.views._BLOCK", 17)
+
+    @pytest.mark.parametrize("segment_s", [1.0, 60.0])
+    def test_tracks_in_a_file_are_those_in_memory(self, film, tmp_path, request, segment_s):
+        in_memory = track(film, segment_s=segment_s)
+        request.getfixturevalue("long")
+        (tmp_path / ".tracks-of-a-run-that-was-killed").mkdir()
+        found = track(film, segment_s=segment_s, pieces=Pieces(tmp_path / "tracks", "key"), folder=tmp_path)
+        assert [path.name[:8] for path in tmp_path.glob(".tracks-*")] == [".tracks-"]
+        assert not found["position"]._in_memory
+        assert set(found.variables) == set(in_memory.variables)
+        xr.testing.assert_identical(found.load()[list(in_memory.variables)], in_memory)
+        found.close()
+        del found
+        gc.collect()
+        assert not list(tmp_path.glob(".tracks-*"))
+
+
 class TestFailures:
     def test_a_segment_that_fails_is_named_and_tried_again_alone(self, film, tmp_path):
         pieces = Pieces(tmp_path / "tracks", "key")
@@ -377,4 +403,5 @@ def test_a_record_holds_the_pass_and_lets_it_go(film):
     np.testing.assert_allclose(passed.time_s, np.arange(20, 30) / FPS, atol=1e-9)
     assert passed.status == "ok"
     assert passed.report(plan[2].segment.info) == plan[2].segment.report
-    assert not any("pass_" in str(name) for name in (*join_records([record]).variables, *join_records([record]).attrs))
+    joined, _ = join_records([record], JoinedBlocks(None, "tracks-"))
+    assert not any("pass_" in str(name) for name in (*joined.variables, *joined.attrs))
