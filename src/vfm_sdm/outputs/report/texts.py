@@ -61,12 +61,10 @@ _FRAME: Mapping[str, tuple[str, str]] = {
         "Rauschen zeigen Schwingweite und Effektivwert das Rauschen.",
     ),
     "limit scale": (
-        "All displacements may be too large or too small by one common factor; it is known to {percent} (k = 2, "
-        "{axis} of "
-        "{point}, the worst).",
-        "Alle Verschiebungen können um einen gemeinsamen Faktor zu groß oder zu klein sein; er ist auf {percent} "
-        "bekannt "
-        "(k = 2, {axis} von {point}, ungünstigster Fall).",
+        "All displacements of a point along an axis may be too large or too small by one factor; it is known to "
+        "{percent} (k = 2, {axis} of {point}, the worst of all points on the structure and axes).",
+        "Alle Verschiebungen eines Punkts entlang einer Achse können um einen Faktor zu groß oder zu klein sein; er "
+        "ist auf {percent} bekannt (k = 2, {axis} von {point}, ungünstigster aller Punkte am Bauwerk und Achsen).",
     ),
     "limit sgr": (
         "Along the axis {axis} motion was assumed to be small, not measured; do not use it.",

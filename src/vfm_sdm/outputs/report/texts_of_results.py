@@ -116,12 +116,10 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
         "(k = 2).",
     ),
     "table scale": (
-        "What the scale rests on ({axis} of {point}, which knows it least: {percent}, k = 2): sources with their "
-        "stated "
-        "values, and what each adds to its uncertainty (k = 1).",
-        "Worauf der Maßstab beruht ({axis} von {point}, wo er am wenigsten bekannt ist: {percent}, k = 2): Quellen "
-        "mit ihren "
-        "Angaben und ihr Beitrag zur Unsicherheit (k = 1).",
+        "What the scale rests on ({axis} of {point}, which of all that the audit judges knows it least: {percent}, "
+        "k = 2): sources with their stated values, and what each adds to its uncertainty (k = 1).",
+        "Worauf der Maßstab beruht ({axis} von {point}, wo er von allem Geprüften am wenigsten bekannt ist: {percent}, "
+        "k = 2): Quellen mit ihren Angaben und ihr Beitrag zur Unsicherheit (k = 1).",
     ),
     "stated value": ("value", "Wert"),
     "stated std": ("std", "Std.-Abw."),

@@ -202,8 +202,8 @@ _OTHERS: Mapping[str, tuple[str, str]] = {
         "Alle Prüfungen sind bestanden oder solche, auf die eine gute Messung verzichten kann.",
     ),
     "advice use with care": (
-        "A check is beyond its limit, or one that is needed could not be made. Use what it does not concern.",
-        "Eine Prüfung liegt über ihrer Grenze, oder eine nötige war nicht möglich. Verwenden, was sie nicht betrifft.",
+        "A check calls for caution, or one that is needed could not be made. Use what it does not concern.",
+        "Eine Prüfung mahnt zur Vorsicht, oder eine nötige war nicht möglich. Verwenden, was sie nicht betrifft.",
     ),
     "advice not judged": (
         "Most of the checks that are needed could not be made: nobody knows whether the result is right.",

@@ -5,6 +5,8 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
+from html import unescape
 from importlib.util import find_spec
 
 import html5lib
@@ -178,6 +180,22 @@ def test_quality_and_budget_are_those_of_the_dataset(run, page):
         assert [cell[1] for cell in cells[2:9]] == pytest.approx(budget.tolist())
         combined = float(np.sqrt(np.sum(budget**2)))
         assert [cell[1] for cell in cells[9:]] == pytest.approx([combined, 2 * combined])
+
+
+def test_the_stated_limit_of_the_scale_is_that_of_all_points_and_axes(copied):
+    file = copied / "summary.json"
+    summary = json.loads(file.read_text(encoding="utf-8"))
+    with open_run(copied) as inputs:
+        moving = [point for point in inputs.point_names if point not in inputs.static]
+        stds = inputs.displacement["scale_std"].sel(point=moving)
+        worst = stds.where(stds == stds.max(), drop=True)
+        # The audit leaves axes out that nobody judges, and its worst may be a better one.
+        judged = {**summary["scale"], "expanded_uncertainty": float(stds.min())}
+        language = find_language("en")
+        said = language.digits(200 * float(stds.max()), 2, "%").text
+        spoiled = replace(inputs, summary={**summary, "scale": judged})
+        page = to_html(build_content(spoiled, language))
+    assert f"known to {said} (k = 2, {worst['axis'].item()} of {worst['point'].item()}" in unescape(page)
 
 
 def test_value_times_sensitivity_is_the_contribution(page):

@@ -10,6 +10,7 @@ from vfm_sdm.core.statuses import Outcome, PointStatus, Verdict
 from vfm_sdm.outputs.report.content import Block, Cell, Facts, Listed, Paragraph, Section, Tone
 from vfm_sdm.outputs.report.inputs import ReportInputs
 from vfm_sdm.outputs.report.language import Language
+from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 from vfm_sdm.stages.registration.designs import Warp
 
 __all__ = ["TONES", "describe_task", "describe_verdict"]
@@ -120,14 +121,16 @@ def _list_limits(inputs: ReportInputs, language: Language) -> Iterator[str]:
     known = [one for one in limits if one is not None]
     if known:
         yield language.say("limit noise", most=language.digits(max(known), 2, "mm").text)
-    scale = inputs.summary.get("scale")
-    if scale and scale.get("expanded_uncertainty") is not None:
-        yield language.say(
-            "limit scale",
-            percent=language.digits(100 * scale["expanded_uncertainty"], 2, "%").text,
-            axis=language.word("axis", scale["axis"]),
-            point=scale["point"],
-        )
+    # The audit's worst is that of the axes it judges; a limit of all results is that of all.
+    scales = {
+        key: one.summary["scale_std"]
+        for key, one in inputs.series.items()
+        if key[0] not in inputs.static and one.summary["scale_std"] is not None
+    }
+    if scales:
+        point, axis = max(scales, key=lambda key: scales[key])
+        percent = language.digits(100 * COVERAGE_FACTOR * scales[point, axis], 2, "%").text
+        yield language.say("limit scale", percent=percent, axis=language.word("axis", axis), point=point)
     method = inputs.session.method
     if method.refinement == "sgr":
         yield language.say("limit sgr", axis=language.word("axis", method.sgr.suppressed_axis))
