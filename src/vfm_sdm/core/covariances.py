@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray, time_blocks
 
 __all__ = [
     "edges_across",
@@ -180,10 +180,18 @@ def raise_variance(covariance: FloatArray, axes: FloatArray, variance: FloatArra
     >>> raise_variance(np.eye(2)[None, None], np.eye(2)[None], np.array([[4.0, 0.5]]))[0, 0].tolist()
     [[4.0, 0.0], [0.0, 1.0]]
     """
+    variance = np.broadcast_to(variance, covariance.shape[:-1])
+    raised = np.empty(covariance.shape)
+    for block in time_blocks(len(covariance)):
+        raised[block] = _raise(covariance[block], axes, variance[block])
+    return raised
+
+
+def _raise(covariance: FloatArray, axes: FloatArray, variance: FloatArray) -> FloatArray:
+    """The same at some times."""
     back = axes.swapaxes(1, 2)
     turned = axes @ covariance @ back
     stated = np.einsum("tpii->tpi", turned)
-    variance = np.broadcast_to(variance, stated.shape)
     larger = np.isfinite(variance) & (variance > stated) & (stated > 0)
     factor = np.sqrt(np.divide(variance, stated, out=np.ones_like(stated), where=larger))
     raised = back @ (turned * factor[..., :, None] * factor[..., None, :]) @ axes

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
+from vfm_sdm.core.allocator import return_free_memory
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import Verdict
 from vfm_sdm.inputs.session import Session
@@ -92,6 +93,8 @@ def measure_intervals(
         if number >= len(ahead):
             joined.append(interval, found.displacement)
             audits.append((interval, found.audit))
+        del found, cut
+        return_free_memory()
     moving, static = ([p.name for p in session.point if p.static == wanted] for wanted in (False, True))
     audit = join_audits(audits, joined.facts(), moving, static)
     whole = joined.finish([one.verdict == Verdict.REFUSED for one in audit.intervals])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from vfm_sdm.core.allocator import return_free_memory
 from vfm_sdm.core.arrays import time_blocks
 from vfm_sdm.core.block_files import LONG_BYTES, JoinedBlocks, ScratchFile
 from vfm_sdm.core.datasets import Status, frames_of_points
@@ -149,6 +150,7 @@ def _finish(name: str, view: _View, tracked: TrackedSegments, folder: Path | Non
     report = passed.report(view.video.info)
     found = view.tracker.judge(joined, view.targets, view.video.info)
     del joined
+    return_free_memory()
     if len(view.targets.names) < len(view.names):
         missing = {
             "status": found["status"].dtype.type(Status.LOST),
@@ -165,7 +167,10 @@ def _finish(name: str, view: _View, tracked: TrackedSegments, folder: Path | Non
     info = view.video.info
     found.attrs.update(view=name, image_width=info.width, image_height=info.height, pixel_aspect=info.pixel_aspect)
     clock = check_frames(found, alike=report.alike)
-    tracks = include_lone_errors(include_track_noise(clock.tracks))
+    return_free_memory()
+    tracks = include_track_noise(clock.tracks)
+    return_free_memory()
+    tracks = include_lone_errors(tracks)
     tracks = include_references(tracks, view.targets.names, [task.start for task in tracked.tasks])
     tracks.attrs["recording"] = {
         **asdict(report),
@@ -178,7 +183,10 @@ def _finish(name: str, view: _View, tracked: TrackedSegments, folder: Path | Non
         "remarks": [*info.remarks, *tracked.remarks, *clock.facts["remarks"]],
         "doubts": [*info.doubts, *tracked.doubts, *clock.facts["doubts"]],
     }
-    return _put_by(tracks, folder)
+    tracks = _put_by(tracks, folder)
+    del found, clock
+    return_free_memory()
+    return tracks
 
 
 def _put_by(tracks: xr.Dataset, folder: Path | None) -> xr.Dataset:
