@@ -22,7 +22,12 @@ def page_command(
 ) -> None:
     """Go from films to a report in a browser, on this machine alone; Ctrl-C ends it."""
     try:
-        from vfm_sdm.page.server import serve  # noqa: PLC0415  (an extra)
+        from vfm_sdm.page.folder import Project  # noqa: PLC0415  (an extra)
+        from vfm_sdm.page.state import PageState  # noqa: PLC0415
+
+        page = PageState(Project(folder))
+        page.begin()
+        from vfm_sdm.page.server import serve  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise BackendUnavailableError(
             f'page: expected the extra "page", got no {error.name}; pip install "vfm-sdm[page]"'
@@ -32,4 +37,4 @@ def page_command(
         _out.print(f"page: {address}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
 
     with suppress(KeyboardInterrupt):  # which is how it is meant to end
-        serve(folder, port=port, browser=browser, tell=tell)
+        serve(page, port=port, browser=browser, tell=tell)

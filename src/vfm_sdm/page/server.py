@@ -6,6 +6,8 @@ import secrets
 import socket
 import webbrowser
 from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 
 from fastapi import Response
@@ -13,37 +15,25 @@ from fastapi.responses import FileResponse
 from nicegui import app, background_tasks, run, ui
 
 from vfm_sdm.errors import SessionError, VfmSdmError
-from vfm_sdm.page.folder import Project
 from vfm_sdm.page.guard import Guard
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.films import show_films
-from vfm_sdm.page.steps.measure import show_measure
-from vfm_sdm.page.steps.points import show_points
-from vfm_sdm.page.steps.review import show_review
-from vfm_sdm.page.steps.site import show_site
 
 __all__ = ["serve"]
 
 _HOST = "127.0.0.1"
-_STEPS: dict[str, Callable[[PageState], None]] = {
-    "Films": show_films,
-    "Points": show_points,
-    "Site": show_site,
-    "Measure": show_measure,
-    "Review": show_review,
-}
+_STEPS = ("Films", "Points", "Site", "Measure", "Review")
 _STATIC = Path(__file__).parent / "static"
 _MISSING = 404
 _PATIENCE_S = 0.05
 
 
-def serve(folder: Path, *, port: int | None = None, browser: bool = True, tell: Callable[[str], None]) -> None:
+def serve(page: PageState, *, port: int | None = None, browser: bool = True, tell: Callable[[str], None]) -> None:
     """Serves the page until it is interrupted.
 
     Parameters
     ----------
-    folder
-        The folder that the page works in.
+    page
+        State of the page, of the folder that it works in.
     port
         Where it listens; a free port when left out.
     browser
@@ -54,15 +44,13 @@ def serve(folder: Path, *, port: int | None = None, browser: bool = True, tell: 
     Raises
     ------
     SessionError
-        The folder is not there, or the port is taken.
+        The port is taken.
     ResultsError
         Another page works in the folder.
     """
-    project = Project(folder)
     chosen = _free_port(port)
     token = secrets.token_urlsafe(24)
     address = f"http://{_HOST}:{chosen}/?token={token}"
-    page = PageState(project)
     _add_routes(page)
     app.add_middleware(Guard, token=token, port=chosen)
 
@@ -72,16 +60,17 @@ def serve(folder: Path, *, port: int | None = None, browser: bool = True, tell: 
         tell(address)
         if browser:
             webbrowser.open(address)
+        await run.io_bound(_prepare_steps, page)
 
     # Startup ends before the port is open.
     app.on_startup(lambda: background_tasks.create(announce(), name="announce"))
-    with project.opened():
+    with page.project.opened():
         try:
             ui.run(
                 lambda: _build(page),
                 host=_HOST,
                 port=chosen,
-                title=f"vfm-sdm: {project.folder.name}",
+                title=f"vfm-sdm: {page.project.folder.name}",
                 show=False,
                 reload=False,
                 show_welcome_message=False,
@@ -90,6 +79,15 @@ def serve(folder: Path, *, port: int | None = None, browser: bool = True, tell: 
         finally:
             if page.process is not None:
                 page.process.stop()
+
+
+def _prepare_steps(page: PageState) -> None:
+    """Imports all steps once the first pictures are there, so that nobody waits for it."""
+    for view in page.fields.get("view", ()):
+        with suppress(VfmSdmError):
+            page.pictures().picture(str(view.get("name")))
+    for name in _STEPS:
+        _find_step(name)
 
 
 def _listens(port: int) -> bool:
@@ -124,12 +122,20 @@ def _build(page: PageState) -> None:
         # A column of its own, by which what is still computed for a step sees that it was left.
         with area, ui.column().classes("w-full"):
             try:
-                _STEPS[name](page)
+                _find_step(name)(page)
             except VfmSdmError as error:
                 ui.label(str(error)).classes("text-negative whitespace-pre-line")
 
     tabs.on_value_change(lambda event: show(str(event.value)))
-    tabs.set_value(next(iter(_STEPS)))
+    tabs.set_value(_STEPS[0])
+
+
+def _find_step(name: str) -> Callable[[PageState], None]:
+    """The function that builds a step, imported when it is first asked for: pictures come before it is."""
+    found: Callable[[PageState], None] = getattr(
+        import_module(f"vfm_sdm.page.steps.{name.lower()}"), f"show_{name.lower()}"
+    )
+    return found
 
 
 def _add_routes(page: PageState) -> None:
@@ -139,7 +145,7 @@ def _add_routes(page: PageState) -> None:
     async def picture(view: str, number: int) -> Response:
         """A frame of a view as JPEG."""
         try:
-            content = await run.io_bound(lambda: page.sight().picture(view, max(number, 0)))
+            content = await run.io_bound(lambda: page.pictures().picture(view, max(number, 0)))
         except VfmSdmError as error:
             return Response(str(error), status_code=_MISSING, media_type="text/plain")
         return Response(content, media_type="image/jpeg", headers={"cache-control": "private, max-age=60"})

@@ -1,15 +1,15 @@
 """What is seen of the films before anything is measured: pictures, what a pixel is worth, and where it is elsewhere."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any
 
-import cv2
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.statuses import PointStatus
-from vfm_sdm.errors import CameraError, SessionError, VideoError
+from vfm_sdm.errors import CameraError, VideoError
 from vfm_sdm.inputs.session import FirstFrames, Point, Session
 from vfm_sdm.inputs.video import Frame, Region, RgbArray, Video
 from vfm_sdm.measurement import Measurement
@@ -22,12 +22,9 @@ from vfm_sdm.stages.matching.repeats import lie_on_repeats
 from vfm_sdm.stages.matching.starts import find_depth_range
 from vfm_sdm.stages.tracking.design.samples import SAMPLES
 
-__all__ = ["Counterpart", "Sight", "Subset", "provisional"]
+__all__ = ["Counterpart", "Sight", "Subset"]
 
-_QUALITY = 90
 _LINE_SAMPLES = 60
-_SOMEWHERE = {"baseline": {"value": 1.0, "std": 0.1}}
-"""Site where nothing was measured yet: places in pictures do not depend on the scale."""
 
 
 @dataclass(frozen=True)
@@ -71,27 +68,6 @@ class Counterpart:
     line: list[tuple[float, float]] = field(default_factory=list)
 
 
-def provisional(fields: dict[str, Any]) -> Session:
-    """A session of the films alone, where what was measured on site is not complete yet.
-
-    Parameters
-    ----------
-    fields
-        Plain tables, as of a file.
-
-    Raises
-    ------
-    SessionError
-        The films or points are not stated as they must be.
-    """
-    views = [
-        {key: view[key] for key in ("name", "video", "images", "fps", "capture_fps", "use_s", "lens") if key in view}
-        for view in fields.get("view", ())
-    ]
-    kept = {key: fields[key] for key in ("name", "point") if key in fields}
-    return Session(**kept, view=views, site=_SOMEWHERE if len(views) > 1 else {})
-
-
 class Sight:
     """Recordings of a session, looked at.
 
@@ -99,18 +75,21 @@ class Sight:
     ----------
     session
         With or without points; of its site only what is known.
+    recordings
+        Its recordings, where they are open.
 
     Notes
     -----
-    Pictures come at once; the relation of the views takes some seconds the first time, and each further point then a
+    The relation of the views takes some seconds the first time, and each further point then a
     part of a second. Any thread may ask.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, recordings: Mapping[str, Video] | None = None) -> None:
         self._measurement = Measurement(session)
+        if recordings is not None:
+            self._measurement = self._measurement.given(recordings=dict(recordings))
         self._recordings = self._measurement.recordings
         self._sampled = {view: _SampledVideo(video) for view, video in self._recordings.items()}
-        self._first: dict[str, bytes] = {}
         self._related: CameraEstimate | None = None
         self._features: dict[str, ImageFeatures] = {}
         # Relating the views takes long; what a pixel is worth must not wait for it.
@@ -120,42 +99,6 @@ class Sight:
     def sizes(self) -> dict[str, tuple[int, int]]:
         """Width and height of each view's picture [px]."""
         return {name: (video.info.width, video.info.height) for name, video in self._recordings.items()}
-
-    @property
-    def lengths(self) -> dict[str, int]:
-        """Number of frames of each view, as far as its file tells; 1 where it does not."""
-        return {name: video.info.frame_count or 1 for name, video in self._recordings.items()}
-
-    def picture(self, view: str, number: int = 0) -> bytes:
-        """A frame as JPEG.
-
-        Parameters
-        ----------
-        view, number
-            The view, and the number of its frame.
-
-        Raises
-        ------
-        SessionError
-            There is no such view.
-        VideoError
-            There is no such frame.
-        """
-        video = self._recordings.get(view)
-        if video is None:
-            raise SessionError(f"view: expected one of {', '.join(self._recordings)}, got {view!r}; reload the page")
-        if not number and view in self._first:
-            return self._first[view]
-        # Several threads decode several pictures before the first one comes out.
-        one = video.single(number)
-        colours = (one if number else one.on_one_thread()).color_frame(number)
-        ok, encoded = cv2.imencode(".jpg", colours[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-        if not ok:
-            raise VideoError(f"{view}: expected a picture that JPEG can hold, got {colours.shape}; choose another film")
-        picture = bytes(encoded)
-        if not number:
-            self._first[view] = picture
-        return picture
 
     def look_around(self) -> None:
         """Reads and computes what every click needs of all views, so that the first one does not wait for it."""

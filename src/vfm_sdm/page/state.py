@@ -1,15 +1,19 @@
 """What all steps of a page share: the folder, the session's draft, the films' pictures, the running measurement."""
 
 import json
-from threading import Lock
-from typing import Any
+from contextlib import suppress
+from threading import Lock, Thread
+from typing import TYPE_CHECKING, Any
 
-from vfm_sdm.errors import SessionError
+from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.inputs.session import Session, Site
 from vfm_sdm.page.draft import Draft
 from vfm_sdm.page.folder import Project
+from vfm_sdm.page.pictures import Pictures, provisional
 from vfm_sdm.page.process import MeasureProcess
-from vfm_sdm.page.sight import Sight, provisional
+
+if TYPE_CHECKING:  # what measures takes a second to import, and the first pictures need none of it
+    from vfm_sdm.page.sight import Sight
 
 __all__ = ["PageState"]
 
@@ -26,8 +30,19 @@ class PageState:
     def __init__(self, project: Project) -> None:
         self.project, self.draft = project, Draft(project.session)
         self.process: MeasureProcess | None = None
+        self._pictures: tuple[str, Pictures] | None = None
         self._sight: tuple[str, Sight] | None = None
         self._lock = Lock()
+
+    def begin(self) -> None:
+        """Begins to make the first pictures of all views, each in a thread of its own, while the page is built."""
+        names = [str(view.get("name")) for view in self.fields.get("view", ())]
+        for name in names:
+            Thread(target=self._make_first, args=(name,), daemon=True).start()
+
+    def _make_first(self, view: str) -> None:
+        with suppress(VfmSdmError):  # whoever asks for the picture is told
+            self.pictures().picture(view)
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -54,8 +69,8 @@ class PageState:
         except ValueError as error:
             return Site(), str(error)
 
-    def sight(self) -> Sight:
-        """Pictures of the films; opened anew where the session names others, or tells more of their cameras.
+    def pictures(self) -> Pictures:
+        """Pictures of the films; opened anew where the session names others.
 
         Raises
         ------
@@ -64,15 +79,37 @@ class PageState:
         VideoError
             A film cannot be used.
         """
+        session = self._films()
+        key = json.dumps(provisional(session.as_fields()).as_fields(), sort_keys=True, default=str)
+        with self._lock:
+            if self._pictures is None or self._pictures[0] != key:
+                self._pictures = key, Pictures(session)
+            return self._pictures[1]
+
+    def sight(self) -> "Sight":
+        """What the films show; looked at anew where the session names others, or tells more of their cameras.
+
+        Raises
+        ------
+        SessionError, VideoError
+            As of `pictures`.
+        """
+        from vfm_sdm.page.sight import Sight  # noqa: PLC0415  (see above)
+
+        session, recordings = self._films(), self.pictures().recordings
+        key = json.dumps(session.as_fields(), sort_keys=True, default=str)
+        with self._lock:
+            if self._sight is None or self._sight[0] != key:
+                self._sight = key, Sight(session, recordings)
+            return self._sight[1]
+
+    def _films(self) -> Session:
+        """The session without points, whose films lie in the folder."""
         session = self.session()
         for view in session.view:
             for one in view.video if isinstance(view.video, tuple) else (view.video or view.images,):
                 self.project.inside(str(one))
-        key = json.dumps(session.model_copy(update={"point": ()}).as_fields(), sort_keys=True, default=str)
-        with self._lock:
-            if self._sight is None or self._sight[0] != key:
-                self._sight = key, Sight(session.model_copy(update={"point": ()}))
-            return self._sight[1]
+        return session.model_copy(update={"point": ()})
 
     def measure(self) -> None:
         """Begins to measure, or goes on where an earlier run was stopped.

@@ -5,7 +5,7 @@ from collections.abc import Generator, Iterable
 from contextlib import closing
 from copy import copy
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import cast
 
@@ -38,6 +38,10 @@ INTERLACED = (
 _STRIDE = 7  # a prime: how many frames are decoded after a jump differs from jump to jump
 
 
+_Probed = tuple[Fraction, Fraction, int, VideoInfo]
+"""Unit of the stamps [s], the time that goes by in it [s], the first stamp, and what the container says."""
+
+
 class ContainerSource:
     """The first video stream of a file.
 
@@ -56,7 +60,7 @@ class ContainerSource:
 
     def __init__(self, path: Path, *, capture_fps: float | None = None) -> None:
         self._path, self._threads = path, True
-        self._base, self._tick, self._first, self.info = self._probe(capture_fps)
+        self._base, self._tick, self._first, self.info = _probe(self._path, capture_fps)
 
     def stream(self) -> Generator[Frame]:
         """A fresh pass over the frames, in order, numbered from 0.
@@ -237,50 +241,66 @@ class ContainerSource:
                 f"{width} x {height} {picture.format.name}; cut the file where the camera changed its settings",
             )
 
-    def _probe(self, capture_fps: float | None) -> tuple[Fraction, Fraction, int, VideoInfo]:
-        """Unit of the stamps [s], the time that goes by in it [s], the first stamp, and what the container says."""
-        picture: av.VideoFrame | None = None
-        why = "the stream is empty; record it again"
-        with open_stream(self._path) as (container, video), closing(read_pictures(self._path)) as pictures:
-            try:
-                picture = next(pictures, None)
-            except DecodeStop as damage:
-                why = damage.detail
-            if picture is None:
-                raise VideoError(f"{self._path}: expected at least one usable frame, got none: {why}")
-            rotation_deg = read_rotation(picture, self._path)
-            width, height = _turned_size(picture, rotation_deg)
-            said_of_it = {**container.metadata, **video.metadata}
-            rate = video.average_rate or video.guessed_rate
-            base = video.time_base or Fraction(1)
-            clock = read_capture_clock(rate, said_of_it, capture_fps=capture_fps, time_base=base)
-            aspect, said = read_pixel_aspect(video.sample_aspect_ratio, rotation_deg)
-            duration_s = _duration_s(container, video)
-            return (
-                base,
-                base * clock.scale,
-                picture.pts or 0,
-                VideoInfo(
-                    source=str(self._path),
-                    width=width,
-                    height=height,
-                    fps=float(rate / clock.scale) if rate else math.nan,
-                    frame_count=video.frames or None,
-                    duration_s=None if duration_s is None else duration_s * float(clock.scale),
-                    codec=video.codec_context.name,
-                    pixel_format=picture.format.name,
-                    bit_depth=luma_bits(picture.format.name),
-                    rotation_deg=rotation_deg,
-                    pixel_aspect=aspect,
-                    time_scale=float(clock.scale),
-                    size_bytes=self._path.stat().st_size,
-                    remarks=said + clock.remarks,
-                    doubts=clock.doubts + (INTERLACED,) * picture.interlaced_frame,
-                    camera=read_camera_tags(said_of_it, self._path),
-                    time_code=read_time_code(said_of_it),
-                    date=read_date(said_of_it),
-                ),
-            )
+
+def _probe(path: Path, capture_fps: float | None) -> _Probed:
+    """What a file says, asked once for as long as it is as it was."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return _read_head(path, capture_fps)  # which says what is wrong
+    state = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+    return _probe_once(path, path.absolute(), state, capture_fps)
+
+
+@lru_cache(maxsize=256)
+def _probe_once(path: Path, _place: Path, _state: tuple[int, ...], capture_fps: float | None) -> _Probed:
+    return _read_head(path, capture_fps)
+
+
+def _read_head(path: Path, capture_fps: float | None) -> _Probed:
+    """Unit of the stamps [s], the time that goes by in it [s], the first stamp, and what the container says."""
+    picture: av.VideoFrame | None = None
+    why = "the stream is empty; record it again"
+    with open_stream(path) as (container, video), closing(read_pictures(path, threads=False)) as pictures:
+        try:
+            picture = next(pictures, None)
+        except DecodeStop as damage:
+            why = damage.detail
+        if picture is None:
+            raise VideoError(f"{path}: expected at least one usable frame, got none: {why}")
+        rotation_deg = read_rotation(picture, path)
+        width, height = _turned_size(picture, rotation_deg)
+        said_of_it = {**container.metadata, **video.metadata}
+        rate = video.average_rate or video.guessed_rate
+        base = video.time_base or Fraction(1)
+        clock = read_capture_clock(rate, said_of_it, capture_fps=capture_fps, time_base=base)
+        aspect, said = read_pixel_aspect(video.sample_aspect_ratio, rotation_deg)
+        duration_s = _duration_s(container, video)
+        return (
+            base,
+            base * clock.scale,
+            picture.pts or 0,
+            VideoInfo(
+                source=str(path),
+                width=width,
+                height=height,
+                fps=float(rate / clock.scale) if rate else math.nan,
+                frame_count=video.frames or None,
+                duration_s=None if duration_s is None else duration_s * float(clock.scale),
+                codec=video.codec_context.name,
+                pixel_format=picture.format.name,
+                bit_depth=luma_bits(picture.format.name),
+                rotation_deg=rotation_deg,
+                pixel_aspect=aspect,
+                time_scale=float(clock.scale),
+                size_bytes=path.stat().st_size,
+                remarks=said + clock.remarks,
+                doubts=clock.doubts + (INTERLACED,) * picture.interlaced_frame,
+                camera=read_camera_tags(said_of_it, path),
+                time_code=read_time_code(said_of_it),
+                date=read_date(said_of_it),
+            ),
+        )
 
 
 def _rising_stamp(picture: av.VideoFrame, last: int | None, base: Fraction) -> int:

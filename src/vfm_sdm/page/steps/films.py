@@ -42,11 +42,11 @@ def show_films(page: PageState) -> None:
         views = page.fields.get("view", ())
         if not views:
             return
-        sight = await in_thread(page.sight)
+        pictures = await in_thread(page.pictures)
         with scrubbed:
             for view in views:
                 name = view["name"]
-                _scrub(page, view, sight.lengths[name])
+                _scrub(page, view, pictures.lengths[name])
 
     changed = tell_errors(preview)
     ui.button("Look again", icon="refresh", on_click=tell_errors(refresh)).props("flat dense")
