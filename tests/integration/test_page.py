@@ -227,6 +227,20 @@ def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
                 field.fill(str(value))
                 field.press("Tab")
             page.wait_for_timeout(500)
+        [ranged] = known.site.range
+        person.choose("length to", ranged.point)
+        person.type("length [m]", ranged.value)
+        person.type("std of the length", 1e3 * ranged.std)
+        page.get_by_role("button", name="Add", exact=True).click()
+        page.get_by_text(f"camera left to {ranged.point}: {ranged.value:g} m").wait_for()
+        page.get_by_text("Readings at camera right").click()
+        person.choose("side of right", "right")
+        page.get_by_text("Rectangles and straight edges").click()
+        for corner, point in zip(("top left", "top right", "bottom right", "bottom left"), known.point, strict=False):
+            person.choose(f"{corner} corner", point.name)
+        page.get_by_role("button", name="Add rectangle").click()
+        page.get_by_role("button", name="remove rectangle 1").click()  # which these points are none of
+        _until(lambda: "rectangle" not in session.read_text(encoding="utf-8"), "the rectangle to go")
         page.get_by_text("Place cameras and points").click()
         page.get_by_text("plan (from above)").wait_for(timeout=60000)
         person.keep("3-site")
@@ -238,7 +252,16 @@ def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
 
         person.open("5 Review")
         page.get_by_text(re.compile("fit to use|use with care|do not use")).first.wait_for(timeout=30000)
-        page.locator("canvas").first.wait_for()
+        chart = page.locator(".nicegui-echart").first
+        chart.locator("canvas").wait_for()
+        chart.scroll_into_view_if_needed()
+        box = chart.bounding_box()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.wheel(0, -400)
+        zoomed = "(one) => getElement(Number(one.id.slice(1))).chart.getOption().dataZoom[0]"
+        page.wait_for_timeout(1500)
+        window = chart.evaluate(zoomed)
+        assert 0 < window["startValue"] < window["endValue"] < 4.0, window
         page.get_by_role("button", name="Write report").click()
         with page.expect_popup() as opened:
             page.get_by_text("open the report").click()
@@ -259,6 +282,8 @@ def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
     assert len(list(shots.glob("*.png"))) == 5
 
     written = read_session(session)
+    assert written.site.range == known.site.range
+    assert written.view[1].stands == "right"
     assert [point.name for point in written.point] == [point.name for point in known.point]
     for one, other in zip(written.point, known.point, strict=True):
         assert one.static == other.static

@@ -91,6 +91,12 @@ class Results:
         """Names of the axes."""
         return [str(name) for name in self.displacement["axis"].values]
 
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """When the recording begins and ends [s]."""
+        time_s = self.displacement["time"].values
+        return float(time_s[0]), float(time_s[-1])
+
     def history(self, point: str, axis: str, between_s: tuple[float, float] | None = None) -> History:
         """Displacement of a point along an axis.
 
@@ -103,7 +109,7 @@ class Results:
         """
         series = self._series(point, axis)
         time_s = series["time"].values
-        shown = slice(None) if between_s is None else slice(*np.searchsorted(time_s, between_s))
+        shown = slice(None) if between_s is None else _about(time_s, between_s)
         values, clock = self._valid(series, shown), time_s[shown]
         expanded = series["expanded_uncertainty"].values[shown]
         return History(*reduce_line(clock, values), *reduce_band(clock, values - expanded, values + expanded))
@@ -199,6 +205,12 @@ def _without_nan(values: FloatArray) -> Any:
     plain = values.astype(object)
     plain[~np.isfinite(values)] = None
     return plain.tolist()
+
+
+def _about(time_s: FloatArray, between_s: tuple[float, float]) -> slice:
+    """Samples in an interval [s], and one to either side, to which their line goes on."""
+    first, last = np.searchsorted(time_s, between_s[0]), np.searchsorted(time_s, between_s[1], side="right")
+    return slice(max(int(first) - 1, 0), int(last) + 1)
 
 
 def _number(value: float | None) -> float | None:

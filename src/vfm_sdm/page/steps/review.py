@@ -20,6 +20,9 @@ _COLOURS = ("#1565c0", "#e65100", "#2e7d32", "#6a1b9a", "#00838f", "#ad1457", "#
 _MOST_AT_ONCE = 8
 _VERDICTS = {"fit to use": "positive", "use with care": "warning", "do not use": "negative"}
 _SCENE_MAGNIFICATION = 100
+_ZOOMED = "(event) => { const one = (event.batch ?? [event])[0]; emit(one.start, one.end); }"
+_REST_S = 0.3
+"""How long the wheel rests before what is zoomed into is drawn anew [s]."""
 _ABOVE, _FROM = np.array([0.0, 0.0, 0.1]), np.array([0.0, -1.6, 0.6])
 
 
@@ -57,6 +60,7 @@ class _Review:
         self._page, self._results = page, results
         self._shown = results.points[:_MOST_AT_ONCE]
         self._axis = "vertical" if "vertical" in results.axes else results.axes[0]
+        self._between_s: tuple[float, float] | None = None
 
     def build(self) -> None:
         """Verdict, histories, spectra, film, scene, audit, budget and report, from above."""
@@ -80,6 +84,8 @@ class _Review:
             ui.label(note).classes("text-negative text-bold")
         self._choices()
         self._history = ui.echart(self._history_options()).classes("w-full h-80")
+        zoomed = tell_errors(self._zoom)
+        self._history.on("chart:datazoom", zoomed, js_handler=_ZOOMED, throttle=_REST_S, leading_events=False)
         self._spectrum = ui.echart(self._spectrum_options()).classes("w-full h-64")
         with ui.expansion("Audit: what was checked, and what to do", value=True).classes("w-full"):
             self._audit(audit.get("checks", []))
@@ -116,6 +122,15 @@ class _Review:
         self._shown = [one for one in self._results.points if one in kept]
         await self._draw()
 
+    async def _zoom(self, event: Any) -> None:
+        """Draws what is zoomed into from all its samples, once the wheel rests."""
+        begin_s, end_s = self._results.span_s
+        first, last = (begin_s + float(share) / 100 * (end_s - begin_s) for share in event.args)
+        self._between_s = None if (first, last) == (begin_s, end_s) else (first, last)
+        options = self._history_options()
+        self._history.options.update({name: options[name] for name in ("series", "dataZoom")})
+        self._history.update()
+
     async def _draw(self) -> None:
         for chart, options in ((self._history, self._history_options()), (self._spectrum, self._spectrum_options())):
             chart.options.clear()
@@ -125,8 +140,10 @@ class _Review:
     def _history_options(self) -> dict[str, Any]:
         """A line a point, with its band of expanded uncertainty; wheel and slider zoom."""
         series: list[dict[str, Any]] = []
+        begin_s, end_s = self._results.span_s
+        low_s, high_s = self._between_s or (begin_s, end_s)
         for colour, point in zip(cycle(_COLOURS), self._shown, strict=False):
-            found = self._results.history(point, self._axis)
+            found = self._results.history(point, self._axis, self._between_s)
             common = {"type": "line", "showSymbol": False, "silent": True, "lineStyle": {"opacity": 0}}
             low = _pairs(found.band_s, found.below)
             high = _pairs(found.band_s, found.above - found.below)
@@ -145,9 +162,9 @@ class _Review:
             "legend": {"top": 24, "data": list(self._shown)},
             "grid": {"left": 64, "right": 24, "top": 60, "bottom": 70},
             "tooltip": {"trigger": "axis", "axisPointer": {"type": "cross"}},
-            "xAxis": {"type": "value", "name": "s", "min": "dataMin", "max": "dataMax"},
+            "xAxis": {"type": "value", "name": "s", "min": begin_s, "max": end_s},
             "yAxis": {"type": "value", "name": "mm", "scale": True},
-            "dataZoom": [{"type": "inside"}, {"type": "slider"}],
+            "dataZoom": [{"type": kind, "startValue": low_s, "endValue": high_s} for kind in ("inside", "slider")],
             "series": series,
         }
 

@@ -1,17 +1,16 @@
 """Step 3: what was measured on site, with units and uncertainty, drawn to scale while it is typed."""
 
 from collections.abc import Sequence
-from functools import partial
 from html import escape
 from typing import Any
 
 import numpy as np
 from nicegui import ui
 
-from vfm_sdm.errors import SessionError
 from vfm_sdm.page.sketch import draw_site
 from vfm_sdm.page.state import PageState
 from vfm_sdm.page.steps.common import as_point, in_thread, tell_errors, value_at
+from vfm_sdm.page.steps.further import show_further
 from vfm_sdm.page.steps.lenses import LensForm
 
 __all__ = ["show_site"]
@@ -24,6 +23,10 @@ _LENGTHS = (
     (("site", "perpendicular_distance"), "Reference camera to the face, at a right angle"),
     (("site", "longitudinal_distance"), "From the foot of that line along the face to the picture's centre"),
 )
+_READINGS = {
+    "perpendicular_distance": "This camera to the face, at a right angle",
+    "longitudinal_distance": "From the foot of that line along the face to its picture's centre",
+}
 
 
 def show_site(page: PageState) -> None:
@@ -42,8 +45,10 @@ def show_site(page: PageState) -> None:
             for path, title in _LENGTHS:
                 _length(page, path, title, sketch)
             _side(page, sketch)
-            _level(page, sketch)
-            _spare_lengths(page, sketch)
+            _level(page, ("site", "reference_camera_level"), sketch)
+            for view in page.fields.get("view", ())[1:]:
+                _other_camera(page, str(view["name"]), sketch)
+            show_further(page, sketch.refresh)
             ui.label("Lenses").classes("text-bold")
             for view in page.fields.get("view", ()):
                 LensForm(page, view, sketch.refresh).build()
@@ -129,9 +134,27 @@ def _side(page: PageState, sketch: _Sketch) -> None:
     side.on_value_change(tell_errors(keep))
 
 
-def _level(page: PageState, sketch: _Sketch) -> None:
-    """Pitch and roll of the reference camera."""
-    path = ("site", "reference_camera_level")
+def _other_camera(page: PageState, name: str, sketch: _Sketch) -> None:
+    """What was read at a camera that is not the reference: it tells poses apart that look alike in the pictures."""
+    path = ("view", name, "stands")
+    with ui.expansion(f"Readings at camera {name}").classes("w-full"):
+        for field, title in _READINGS.items():
+            _length(page, ("view", name, field), title, sketch)
+        _level(page, ("view", name, "level"), sketch)
+        with ui.row().classes("items-center"):
+            ui.label("Looking where it looks, it stands beside the reference camera, on its")
+            stands = ui.select(["not said", "left", "right"], value=value_at(page.fields, path) or "not said")
+            stands.props("dense").props["aria-label"] = f"side of {name}"
+
+    async def keep(event: Any) -> None:
+        page.draft.put(path, None if event.value == "not said" else str(event.value))
+        await sketch.refresh()
+
+    stands.on_value_change(tell_errors(keep))
+
+
+def _level(page: PageState, path: Sequence[str], sketch: _Sketch) -> None:
+    """Pitch and roll of a camera."""
     found = value_at(page.fields, path) or {}
     both = found.get("value_deg")
     with ui.row().classes("items-end no-wrap w-full"):
@@ -147,50 +170,3 @@ def _level(page: PageState, sketch: _Sketch) -> None:
 
     for one in (pitch, roll, std):
         one.on_value_change(tell_errors(keep))
-
-
-def _spare_lengths(page: PageState, sketch: _Sketch) -> None:
-    """Lengths between two points, and distances from the reference camera to one."""
-    names = [str(point["name"]) for point in page.fields.get("point", ())]
-    listed = ui.column().classes("w-full gap-0")
-
-    def show() -> None:
-        listed.clear()
-        site = page.fields.get("site", {})
-        with listed:
-            for table in ("range", "length"):
-                for number, one in enumerate(site.get(table, ())):
-                    ends = one.get("points", ("camera", one.get("point")))
-                    with ui.row().classes("items-center no-wrap"):
-                        ui.label(f"{ends[0]} to {ends[1]}: {one['value']:g} m, std {1e3 * one['std']:g} mm")
-                        ui.button(icon="delete", on_click=tell_errors(partial(remove, table, number))).props(
-                            "flat dense"
-                        )
-
-    async def remove(table: str, number: int) -> None:
-        rows = list(page.fields["site"][table])
-        del rows[number]
-        page.draft.put(("site", table), rows or None)
-        show()
-        await sketch.refresh()
-
-    async def add() -> None:
-        if first.value is None or value.value is None or not std.value:
-            raise SessionError("length: expected a point and a length, got none; choose and type them")
-        entry: dict[str, Any] = {"value": float(value.value), "std": float(std.value) / 1e3}
-        table, named = ("range", {"point": first.value})
-        if other.value != "camera":
-            table, named = "length", {"points": [first.value, other.value]}
-        rows = list(page.fields.get("site", {}).get(table, ()))
-        page.draft.put(("site", table), [*rows, {**named, **entry}])
-        show()
-        await sketch.refresh()
-
-    ui.label("Further lengths check the scale").classes("text-bold")
-    show()
-    with ui.row().classes("items-end no-wrap w-full"):
-        other = ui.select(["camera", *names], value="camera", label="from").props("dense")
-        first = ui.select(names, label="to").props("dense").classes("w-32")
-        value = ui.number("length [m]", min=0).props("dense").classes("w-28")
-        std = ui.number("std [mm]", value=5, min=0.001).props("dense").classes("w-20")
-        ui.button("Add", on_click=tell_errors(add)).props("outline dense")
