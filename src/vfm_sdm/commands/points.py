@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import Ending, Terminal
+from vfm_sdm.commands.terminal import Ending, Terminal, say_rest, shown_rows
 from vfm_sdm.errors import CameraError, DatasetError, SessionError
 from vfm_sdm.inputs.session import read_session, write_session
 from vfm_sdm.studies.planning.suggested_picture import write_picture
@@ -63,11 +63,11 @@ def _tabulate(found: Suggestion) -> Table:
     for name in ("point", "along [m]", "std [mm]", "U [mm]", "subset", "why"):
         words = name in ("point", "why")
         table.add_column(Text(name), justify="left" if words else "right", overflow="fold", no_wrap=not words)
-    for one in found.points:
+    for one in found.points[: shown_rows(len(found.points))]:
         std, expanded = (_join(values) for values in (one.std_mm, one.expanded_mm))
         subset = str(one.subset_px) if one.subset_px else "-"
         table.add_row(Text(one.name), f"{one.along_m:.2f}", std, expanded, subset, Text(one.why))
-    return table
+    return say_rest(table, len(found.points), "what --json prints")
 
 
 def _join(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:

@@ -1,4 +1,4 @@
-"""First frames with points, subsets and axes drawn in; without the recordings, the figures that the run drew."""
+"""Frames in which points are named, with subsets and axes drawn in; without recordings, the figures of the run."""
 
 from base64 import b64encode
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ _SHORTEST = 6.0
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """The first frame of a view.
+    """A frame of a view in which points are named.
 
     Parameters
     ----------
@@ -50,41 +50,51 @@ class Photo:
         Why not; empty where it is there. Key of a text.
     figure
         JPEG of the figure that the run drew in its place; empty where there is none.
+    number
+        Number of the frame.
     """
 
     view: str
     frame: LumaArray | None
     reason: str = ""
     figure: bytes = b""
+    number: int = 0
 
 
 def find_photos(inputs: ReportInputs) -> list[Photo]:
-    """First frames of all views, from recordings that are still those which were measured.
+    """First frames of all views and later ones in which points are named, of recordings as they were measured.
 
     Parameters
     ----------
     inputs
         Files of the run.
     """
-    room = _ALL_BYTES // max(len(inputs.session.view), 1)
-    return [_find_photo(inputs, view, room) for view in inputs.session.view]
+    return [photo for view in inputs.session.view for photo in _find_photos(inputs, view)]
 
 
-def _find_photo(inputs: ReportInputs, view: View, room: int) -> Photo:
+def _find_photos(inputs: ReportInputs, view: View) -> list[Photo]:
     alone = inputs.session.model_copy(update={"view": (view,)})
+    later = sorted({number for _, _, number in _find_places(inputs, view.name)} - {0})
     try:
         if _is_measured(inputs, alone):
-            return Photo(view.name, open_views(alone)[view.name].first_frame().luma)
+            video = open_views(alone)[view.name]
+            return [Photo(view.name, video.single(one).frame(one).luma, number=one) for one in (0, *later)]
         reason = "recording changed"
     except (VfmSdmError, OSError):
         reason = "recording gone"
     file = inputs.folder / "figures" / f"points_{file_stem(view.name)}.png"
     try:
         with Image.open(file) as drawn:
-            figure = _compress(np.asarray(drawn.convert("RGB")), room)
+            figure = _compress(np.asarray(drawn.convert("RGB")), _room(inputs))
     except (OSError, ValueError, SyntaxError):  # absent, or damaged
         figure = b""
-    return Photo(view.name, None, reason, figure)
+    return [Photo(view.name, None, reason, figure)]
+
+
+def _room(inputs: ReportInputs) -> int:
+    """Bytes that one picture may take."""
+    frames = {(view.name, number) for view in inputs.session.view for _, _, number in _find_places(inputs, view.name)}
+    return _ALL_BYTES // max(len(frames | {(view.name, 0) for view in inputs.session.view}), 1)
 
 
 def _is_measured(inputs: ReportInputs, session: Session) -> bool:
@@ -96,7 +106,7 @@ def _is_measured(inputs: ReportInputs, session: Session) -> bool:
 
 
 def draw_photo(inputs: ReportInputs, photo: Photo, language: Language) -> str:
-    """A first frame with points, subsets and axes, or the figure that stands for it, as SVG; empty without either.
+    """A frame with points, subsets and axes, or the figure that stands for it, as SVG; empty without either.
 
     Parameters
     ----------
@@ -107,8 +117,8 @@ def draw_photo(inputs: ReportInputs, photo: Photo, language: Language) -> str:
     language
         Language of the texts.
     """
-    label = language.say("figure photo label", view=photo.view)
-    room = _ALL_BYTES // max(len(inputs.session.view), 1)
+    key = "figure photo later label" if photo.number else "figure photo label"
+    label = language.say(key, view=photo.view, frame=photo.number)
     if photo.frame is None:
         if not photo.figure:
             return ""
@@ -120,20 +130,22 @@ def draw_photo(inputs: ReportInputs, photo: Photo, language: Language) -> str:
     tall, wide = photo.frame.shape[:2]
     scale = WIDTH / wide
     drawing = Drawing(tall * scale, label)
-    drawing.picture(_address(_compress(_to_eight_bit(photo.frame), room)), 0, 0, WIDTH, tall * scale)
-    _draw_points(drawing, inputs, photo.view, scale)
-    taken = [position for _, position in _places(inputs, photo.view)]
+    drawing.picture(_address(_compress(_to_eight_bit(photo.frame), _room(inputs))), 0, 0, WIDTH, tall * scale)
+    _draw_points(drawing, inputs, photo, scale)
+    taken = [position for _, position, number in _find_places(inputs, photo.view) if number == photo.number]
     rig = inputs.cameras.rig
     if rig is not None and photo.view in rig.names:
         _draw_rosette(drawing, inputs, (rig.camera(photo.view), taken), language)
     return drawing.svg()
 
 
-def _draw_points(drawing: Drawing, inputs: ReportInputs, view: str, scale: float) -> None:
-    """Points of a view's first frame, each with the square that is compared."""
-    subsets = inputs.summary.get("subsets", {}).get(view, {})
+def _draw_points(drawing: Drawing, inputs: ReportInputs, photo: Photo, scale: float) -> None:
+    """Points of a view's frame, each with the square that is compared."""
+    subsets = inputs.summary.get("subsets", {}).get(photo.view, {})
     many = len(inputs.point_names) > MANY_POINTS
-    for name, position in _places(inputs, view):
+    for name, position, number in _find_places(inputs, photo.view):
+        if number != photo.number:
+            continue
         x, y = (position + 0.5) * scale
         colour = GREY if name in inputs.static else ORANGE
         side = subsets.get(name, {}).get("subset_px") or inputs.session.method.subset_px or 0
@@ -158,16 +170,15 @@ def _draw_points(drawing: Drawing, inputs: ReportInputs, view: str, scale: float
         )
 
 
-def _places(inputs: ReportInputs, view: str) -> Iterator[tuple[str, FloatArray]]:
-    """Points that were found in a view's first frame, and their places (2,) [px]."""
+def _find_places(inputs: ReportInputs, view: str) -> Iterator[tuple[str, FloatArray, int]]:
+    """Points that were found in a view, their places (2,) [px], and the numbers of their frames."""
     if view not in inputs.points["view"].values:
         return
     of_view = inputs.points.sel(view=view)
-    first = frames_of_points(of_view) == 0
-    for name, here in zip(of_view["point"].values, first, strict=True):
+    for name, number in zip(of_view["point"].values, frames_of_points(of_view).tolist(), strict=True):
         position = of_view["position"].sel(point=name).values
-        if here and np.isfinite(position).all():
-            yield str(name), position
+        if np.isfinite(position).all():
+            yield str(name), position, number
 
 
 def _draw_rosette(

@@ -143,10 +143,15 @@ _FRAME: Mapping[str, tuple[str, str]] = {
         "Festpunkte) "
         "und den positiven Achsrichtungen.",
     ),
+    "figure photo later": (
+        "Frame {frame} of view {view}, in which further points are named; squares and axes as before.",
+        "Bild {frame} der Ansicht {view}, in dem weitere Punkte benannt sind; Quadrate und Achsen wie zuvor.",
+    ),
     "figure photo kept": (
         "View {view}: figure that the measurement drew.",
         "Ansicht {view}: Abbildung, die die Messung gezeichnet hat.",
     ),
+    "figure photo later label": ("frame {frame} of view {view}", "Bild {frame} der Ansicht {view}"),
     "figure photo label": ("first frame of view {view}", "erstes Bild der Ansicht {view}"),
     "recording gone": (
         "View {view}: the recording was not at hand when this report was written.",

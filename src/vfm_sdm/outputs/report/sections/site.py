@@ -67,6 +67,7 @@ def describe_photos(inputs: ReportInputs, language: Language) -> Section:
         if photo.reason:
             blocks.append(Paragraph(language.say(photo.reason, view=photo.view), "quiet"))
         if svg := draw_photo(inputs, photo, language):
-            key = "figure photo" if photo.frame is not None else "figure photo kept"
-            blocks.append(Figure(language.say(key, view=photo.view), svg))
+            key = "figure photo later" if photo.number else "figure photo"
+            key = key if photo.frame is not None else "figure photo kept"
+            blocks.append(Figure(language.say(key, view=photo.view, frame=photo.number), svg))
     return Section(language.say("title photos"), tuple(blocks))
