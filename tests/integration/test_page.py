@@ -139,6 +139,8 @@ class Person:
     def choose(self, label: str, value: str) -> None:
         self.page.get_by_label(label).click()
         self.page.locator(".q-menu").get_by_text(value, exact=True).click()
+        # What is still closing would be taken for the next one.
+        _until(lambda: self.page.locator(".q-menu").count() == 0, "the choice to close", 10.0)
 
     def type(self, label: str, value: object) -> None:
         field = self.page.get_by_label(re.compile(re.escape(label))).first
@@ -239,6 +241,7 @@ def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
         for corner, point in zip(("top left", "top right", "bottom right", "bottom left"), known.point, strict=False):
             person.choose(f"{corner} corner", point.name)
         page.get_by_role("button", name="Add rectangle").click()
+        page.get_by_text(re.compile("^rectangle ")).wait_for()
         page.get_by_role("button", name="remove rectangle 1").click()  # which these points are none of
         _until(lambda: "rectangle" not in session.read_text(encoding="utf-8"), "the rectangle to go")
         page.get_by_text("Place cameras and points").click()

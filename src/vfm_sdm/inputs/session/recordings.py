@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from copy import copy
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import cv2
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray, LumaArray
 from vfm_sdm.core.run_folder import SESSION
+from vfm_sdm.core.threads import thread_pool
 from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.session.method import table_paths
 from vfm_sdm.inputs.session.model import Session, View
@@ -49,16 +50,19 @@ def open_views(session: Session) -> dict[str, Video]:
     VideoError
         A file is missing or holds no frame.
     """
-    videos = {}
-    for view in session.view:
-        use_s = None if view.use_s is None else view.interval_s
-        if view.video is not None:
-            files = list_chapters(session, view)
-            videos[view.name] = open_video(*files, capture_fps=view.capture_fps, use_s=use_s)
-        else:
-            pattern = session.resolve_pattern(str(view.images))
-            videos[view.name] = open_images(pattern, float(view.fps or 0.0), use_s=use_s)
-    return videos
+    views = session.view
+    # What a file is shows its first picture, which takes a second to decode where it is large.
+    with thread_pool(len(views)) as executor:
+        videos = list(executor.map(partial(_open_view, session), views))
+    return dict(zip([view.name for view in views], videos, strict=True))
+
+
+def _open_view(session: Session, view: View) -> Video:
+    use_s = None if view.use_s is None else view.interval_s
+    if view.video is not None:
+        return open_video(*list_chapters(session, view), capture_fps=view.capture_fps, use_s=use_s)
+    pattern = session.resolve_pattern(str(view.images))
+    return open_images(pattern, float(view.fps or 0.0), use_s=use_s)
 
 
 def list_chapters(session: Session, view: View) -> list[Path]:
