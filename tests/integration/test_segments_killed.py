@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from scenes import write_scene
+from vfm_sdm.core.netcdf import read_tracks
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement
 
@@ -19,6 +21,7 @@ KILLER = """
 import json, os, sys
 from contextlib import nullcontext
 from pathlib import Path
+import vfm_sdm.core.block_files as blocks
 import vfm_sdm.core.files as files
 from vfm_sdm.core.executors import ProcessWorkers
 from vfm_sdm.inputs.session import read_session
@@ -32,6 +35,11 @@ def run(session, out, workers, moment):
             if half is not None:  # in the middle of a file
                 half.with_name(f".{half.stem}-0123abcd{half.suffix}").write_bytes(b"half")
             os.kill(os.getpid(), 9)
+    append = blocks.BlockFile.append
+    def append_counted(self, block):
+        count()
+        append(self, block)
+    blocks.BlockFile.append = append_counted
     whole = files.write_file
     def write(path, content):
         Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -46,6 +54,10 @@ def run(session, out, workers, moment):
 
 if __name__ == "__main__":
     session, out, workers = read_session(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+    if sys.argv[4] == "long":  # nothing is whole in memory
+        for module in list(sys.modules.values()):
+            if hasattr(module, "LONG_BYTES"):
+                module.LONG_BYTES = 1
     for line in sys.stdin:
         moment = json.loads(line)
         if moment is None:
@@ -89,10 +101,10 @@ def contents(folder: Path) -> dict[str, bytes]:
 class Runner:
     """A process that runs the session again and again, in children that are killed at a moment."""
 
-    def __init__(self, folder: Path, scene: Path, out: Path, workers: int) -> None:
+    def __init__(self, folder: Path, scene: Path, out: Path, workers: int, length: str = "short") -> None:
         script = folder / "killer.py"
         script.write_text(KILLER)
-        words = [sys.executable, str(script), str(scene), str(out), str(workers)]
+        words = [sys.executable, str(script), str(scene), str(out), str(workers), length]
         self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def run(self, moment: int | None) -> int:
@@ -138,6 +150,31 @@ def test_killed_runs_end_with_the_bytes_of_an_undisturbed_one(scene, undisturbed
     assert not [path.name for path in out.rglob(".*")]
     assert not (out / "run.owner").exists()
     assert pieces > 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize("kills", [5, pytest.param(50, marks=[pytest.mark.slow, pytest.mark.hundreds])])
+def test_killed_runs_of_tracks_that_lie_in_files_end_alike(scene, undisturbed, tmp_path, kills):
+    """Nothing of them is left, and values are those of a run in memory."""
+    rng, out = np.random.default_rng(kills), tmp_path / "run"
+    with Runner(tmp_path, scene, tmp_path / "whole", 0, "long") as whole:
+        events = whole.run(None)
+    written, in_memory = contents(tmp_path / "whole"), tmp_path / "in memory"
+    assert written["displacement.csv"] == undisturbed["displacement.csv"]
+    in_memory.mkdir()
+    (in_memory / "tracks.nc").write_bytes(undisturbed["tracks.nc"])
+    for view, tracks in read_tracks(tmp_path / "whole").items():
+        xr.testing.assert_identical(
+            tracks.drop_attrs(), read_tracks(in_memory)[view][list(tracks.variables)].drop_attrs()
+        )
+    with Runner(tmp_path, scene, out, 0, "long") as runner:
+        for _ in range(kills):
+            if rng.random() < 0.3:
+                (out / "tracks.nc").unlink(missing_ok=True)
+            runner.run(int(rng.integers(1, events + 1)))
+        runner.run(None)
+    assert contents(out) == written
+    assert not [path.name for path in out.rglob(".*")]
 
 
 def test_a_run_goes_on_where_it_was_killed(scene, undisturbed, tmp_path):

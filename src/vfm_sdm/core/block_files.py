@@ -1,5 +1,6 @@
 """Files of datasets that are longer than memory allows, written block by block along time."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from shutil import rmtree
@@ -20,6 +21,7 @@ LONG_BYTES: Final = 1 << 25
 """Size from which on a dataset is written, and read, part by part."""
 
 _ENGINE: Final = "h5netcdf"
+_SCRATCH: Final = ".scratch-"
 _CHUNK = 4096
 """Frames that are compressed together."""
 
@@ -176,27 +178,26 @@ class ScratchFile(BlockFile):
     ----------
     folder
         Folder in which it lies; that for temporary files when ``None``.
-    prefix
-        Beginning of its name there, by which `clear` finds it.
     """
 
-    def __init__(self, folder: Path | None, prefix: str) -> None:
+    def __init__(self, folder: Path | None) -> None:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-        self._place = TemporaryDirectory(prefix=prefix, dir=folder)
+        self._place = TemporaryDirectory(prefix=f"{_SCRATCH}{os.getpid()}-", dir=folder)
         super().__init__(Path(self._place.name, "blocks.nc"))
 
     @staticmethod
-    def clear(folder: Path | None, prefix: str) -> None:
-        """Removes the files of a run that was cut short.
+    def clear(folder: Path) -> None:
+        """Removes the files of other processes, which were cut short.
 
         Parameters
         ----------
-        folder, prefix
-            As of the files.
+        folder
+            A folder that this process has for itself.
         """
-        for left in [] if folder is None else folder.glob(f"{prefix}*"):
-            rmtree(left, ignore_errors=True)
+        for left in folder.glob(f"{_SCRATCH}*"):
+            if not left.name.startswith(f"{_SCRATCH}{os.getpid()}-"):
+                rmtree(left, ignore_errors=True)
 
     def finish(self, rest: xr.Dataset) -> xr.Dataset:
         """The whole dataset; see `BlockFile.finish`.
@@ -216,12 +217,12 @@ class JoinedBlocks:
 
     Parameters
     ----------
-    folder, prefix
+    folder
         Where that file lies, as there.
 
     Examples
     --------
-    >>> joined = JoinedBlocks(None, "levels-")
+    >>> joined = JoinedBlocks(None)
     >>> for begin_s in (0.0, 2.0):
     ...     time_s = begin_s + np.arange(2)
     ...     joined.append(xr.Dataset({"level": ("time", time_s**2)}, coords={"time": time_s}))
@@ -229,8 +230,8 @@ class JoinedBlocks:
     [0.0, 1.0, 4.0, 9.0]
     """
 
-    def __init__(self, folder: Path | None, prefix: str) -> None:
-        self._folder, self._prefix = folder, prefix
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
         self._open: list[xr.Dataset] = []
         self._bytes = 0
         self._file: ScratchFile | None = None
@@ -253,7 +254,7 @@ class JoinedBlocks:
             self._open.append(along)
             self._bytes += along.nbytes
             if self._bytes > LONG_BYTES:
-                self._file = ScratchFile(self._folder, self._prefix)
+                self._file = ScratchFile(self._folder)
                 for one in self._open:
                     self._file.append(one)
                 self._open.clear()

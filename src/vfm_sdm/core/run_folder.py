@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from vfm_sdm.core.block_files import ScratchFile
 from vfm_sdm.core.files import file_hash, remove_orphans, write_json
 from vfm_sdm.core.one_writer import held_alone
 from vfm_sdm.errors import ResultsError
@@ -70,6 +71,7 @@ class RunFolder:
             expected="a folder that no other run writes to",
             advice="wait for it, or choose another -o",
         ):
+            ScratchFile.clear(self.path)
             self._prepare(identity)
             yield
 

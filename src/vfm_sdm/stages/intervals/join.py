@@ -19,7 +19,6 @@ __all__ = ["JoinedDisplacement"]
 _COARSE = ("displacement_std", "uncertainty", "combined_std", "expanded_uncertainty", "reprojection_error")
 """Variables of which seven digits are more than anybody knows."""
 _SETS = "visibility"
-_PREFIX = ".intervals-"
 
 
 class JoinedDisplacement:
@@ -32,8 +31,7 @@ class JoinedDisplacement:
     """
 
     def __init__(self, folder: Path | None) -> None:
-        ScratchFile.clear(folder, _PREFIX)
-        self._file = ScratchFile(folder, _PREFIX)
+        self._file = ScratchFile(folder)
         self._facts: list[xr.Dataset] = []
         self._intervals: list[Interval] = []
         self._sets: list[str] = []

@@ -10,7 +10,7 @@ import xarray as xr
 
 from vfm_sdm.core.allocator import return_free_memory
 from vfm_sdm.core.arrays import time_blocks
-from vfm_sdm.core.block_files import LONG_BYTES, JoinedBlocks, ScratchFile
+from vfm_sdm.core.block_files import LONG_BYTES, JoinedBlocks
 from vfm_sdm.core.datasets import Status, frames_of_points
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video, VideoInfo
@@ -39,7 +39,6 @@ from vfm_sdm.stages.tracking.undivided import InOnePiece, NoTargets
 
 __all__ = ["is_whole", "track_views"]
 
-_PREFIX = ".tracks-"
 _BLOCK = 65536
 """Frames that are in memory at a time as long tracks are put by."""
 
@@ -94,7 +93,6 @@ def track_views(
     plans = {
         name: plan_segments(view.video, view.tracker, view.targets, work.segment_s) for name, view in views.items()
     }
-    ScratchFile.clear(work.folder, _PREFIX)
     tracked = track_segments(plans, work, progress)
     return {name: _finish(name, view, tracked[name], work.folder) for name, view in views.items()}
 
@@ -146,7 +144,7 @@ class _View:
 
 def _finish(name: str, view: _View, tracked: TrackedSegments, folder: Path | None) -> xr.Dataset:
     """Tracks of a view, of the records of its segments; long ones lie in a file in the folder."""
-    joined, passed = join_records(tracked.records(), JoinedBlocks(folder, _PREFIX))
+    joined, passed = join_records(tracked.records(), JoinedBlocks(folder))
     report = passed.report(view.video.info)
     found = view.tracker.judge(joined, view.targets, view.video.info)
     del joined
@@ -193,7 +191,7 @@ def _put_by(tracks: xr.Dataset, folder: Path | None) -> xr.Dataset:
     """The same tracks, in a file where they are long."""
     if tracks.nbytes <= LONG_BYTES:
         return tracks.load()
-    joined = JoinedBlocks(folder, _PREFIX)
+    joined = JoinedBlocks(folder)
     for block in time_blocks(tracks.sizes["time"], size=_BLOCK):
         joined.append(tracks.isel(time=block))
     return joined.finish(tracks.drop_dims("time"))

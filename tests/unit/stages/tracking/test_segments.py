@@ -240,16 +240,15 @@ class TestLongRecordings:
     def test_tracks_in_a_file_are_those_in_memory(self, film, tmp_path, request, segment_s):
         in_memory = track(film, segment_s=segment_s)
         request.getfixturevalue("long")
-        (tmp_path / ".tracks-of-a-run-that-was-killed").mkdir()
         found = track(film, segment_s=segment_s, pieces=Pieces(tmp_path / "tracks", "key"), folder=tmp_path)
-        assert [path.name[:8] for path in tmp_path.glob(".tracks-*")] == [".tracks-"]
+        assert len(list(tmp_path.glob(".scratch-*"))) == 1
         assert not found["position"]._in_memory
         assert set(found.variables) == set(in_memory.variables)
         xr.testing.assert_identical(found.load()[list(in_memory.variables)], in_memory)
         found.close()
         del found
         gc.collect()
-        assert not list(tmp_path.glob(".tracks-*"))
+        assert not list(tmp_path.glob(".scratch-*"))
 
 
 class TestFailures:
@@ -403,5 +402,5 @@ def test_a_record_holds_the_pass_and_lets_it_go(film):
     np.testing.assert_allclose(passed.time_s, np.arange(20, 30) / FPS, atol=1e-9)
     assert passed.status == "ok"
     assert passed.report(plan[2].segment.info) == plan[2].segment.report
-    joined, _ = join_records([record], JoinedBlocks(None, "tracks-"))
+    joined, _ = join_records([record], JoinedBlocks(None))
     assert not any("pass_" in str(name) for name in (*joined.variables, *joined.attrs))
