@@ -149,7 +149,7 @@ def test_the_views_that_were_tracked_before_a_kill_are_not_tracked_again(paths, 
     folder, session = tmp_path / "run", read_session(paths[0])
     with pytest.raises(Killed):
         measure(session, folder, progress=stop)
-    assert [path.relative_to(folder / "tracks") for path in folder.glob("tracks/*/*")] == [Path("0", "0000.nc")]
+    assert [path.relative_to(folder / "tracks") for path in folder.glob("tracks/*/*")] == [Path("0", "0000.npz")]
     said = []
     again = measure(session, folder, progress=lambda what, done, total: said.append(what))
     assert "tracking right" in said
