@@ -112,7 +112,7 @@ def test_a_session_on_a_cluster_that_loses_a_worker_has_the_same_bytes(cluster, 
 
     def kill_when_begun() -> None:
         limit = time.monotonic() + _PATIENCE_S
-        while not list(out.glob("tracks/*/*.nc")) and time.monotonic() < limit:
+        while not list(out.glob("tracks/*/*.npz")) and time.monotonic() < limit:
             time.sleep(0.01)
         cluster.workers[0].send_signal(signal.SIGKILL)
         begun.set()
