@@ -24,6 +24,7 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import (
+    RECORDED,
     FirstFrames,
     Session,
     SessionChain,
@@ -102,7 +103,7 @@ class Measurement(SessionChain):
 
     # What was filmed.
 
-    @product(reads=tuple(f"view.{field}" for field in ("name", "video", "images", "fps", "capture_fps", "use_s")))
+    @product(reads=RECORDED)
     def recordings(self, session: Session) -> dict[str, Video]:
         """The recordings of all views by name, open."""
         return open_views(session)

@@ -222,7 +222,7 @@ def test_slow_drift_of_what_must_not_move_is_seen_between_intervals(simulated, i
 def test_long_results_are_written_and_read_part_by_part(simulated, in_parts, tmp_path, monkeypatch):
     found = in_parts.displacement
     monkeypatch.setattr("vfm_sdm.core.netcdf.LONG_BYTES", 1)
-    monkeypatch.setattr("vfm_sdm.core.netcdf._BLOCK", 400)
+    monkeypatch.setattr("vfm_sdm.core.block_files._BLOCK", 400)
     path = write_displacement(tmp_path, found)
     for read in (read_displacement(path), open_displacement(path).load()):
         xr.testing.assert_identical(read, found.load())

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from vfm_sdm.core.arrays import time_blocks
 from vfm_sdm.core.stored import restored, storable
 from vfm_sdm.errors import ResultsError
 
-__all__ = ["LONG_BYTES", "BlockFile", "JoinedBlocks", "ScratchFile", "time_variables"]
+__all__ = ["LONG_BYTES", "BlockFile", "JoinedBlocks", "ScratchFile", "cannot_write", "time_variables"]
 
 LONG_BYTES: Final = 1 << 25
 """Size from which on a dataset is written, and read, part by part."""
@@ -24,6 +25,8 @@ _ENGINE: Final = "h5netcdf"
 _SCRATCH: Final = ".scratch-"
 _CHUNK = 4096
 """Frames that are compressed together."""
+_BLOCK = 65536
+"""Frames that are in memory at a time where a whole dataset is written."""
 
 
 def time_variables(dataset: xr.Dataset) -> list[str]:
@@ -86,7 +89,7 @@ class BlockFile:
             else:
                 self._extend(block, names)
         except OSError as error:
-            raise _cannot_write(self._path, error) from error
+            raise cannot_write(self._path, error) from error
         self._frames += frames
 
     def change(self, name: str, frames: slice, change: Callable[[npt.NDArray[Any]], npt.NDArray[Any]]) -> None:
@@ -111,7 +114,7 @@ class BlockFile:
                 variable = self._inside(file).variables[name]
                 variable[frames] = change(variable[frames])
         except OSError as error:
-            raise _cannot_write(self._path, error) from error
+            raise cannot_write(self._path, error) from error
 
     def finish(self, rest: xr.Dataset) -> xr.Dataset:
         """The whole dataset, read from the file where it is looked at.
@@ -133,9 +136,27 @@ class BlockFile:
             stored = stored.drop_vars([name for name in stored.variables if name in known])
             stored.to_netcdf(self._path, mode="a", engine=_ENGINE, group=self._group)
         except OSError as error:
-            raise _cannot_write(self._path, error) from error
+            raise cannot_write(self._path, error) from error
         # Without a cache: what was looked at once need not stay in memory.
         return restored(xr.open_dataset(self._path, engine=_ENGINE, decode_times=False, cache=False, group=self._group))
+
+    def write(self, dataset: xr.Dataset) -> xr.Dataset:
+        """The dataset, written block by block and read from the file where it is looked at.
+
+        Parameters
+        ----------
+        dataset
+            Variables of any shape and unit, which may lie in another file.
+
+        Raises
+        ------
+        ResultsError
+            The file cannot be written.
+        """
+        along = time_variables(dataset)
+        for block in time_blocks(dataset.sizes["time"], size=_BLOCK):
+            self.append(dataset[along].isel(time=block).load())
+        return self.finish(dataset.drop_vars(along))
 
     def _inside(self, file: h5netcdf.File) -> h5netcdf.Group:
         return file if self._group is None else file[self._group]
@@ -207,7 +228,7 @@ class ScratchFile(BlockFile):
         rest
             As there.
         """
-        whole = super().finish(rest)
+        whole = super().finish(rest).assign_attrs(rest.attrs)  # which a file gives back as plain lists and text
         whole.encoding["place"] = self._place
         return whole
 
@@ -237,17 +258,12 @@ class JoinedBlocks:
         self._file: ScratchFile | None = None
 
     def append(self, block: xr.Dataset) -> None:
-        """Adds the variables of a block that have the dim ``time``; all blocks have the same.
+        """Adds the variables of a block that have the dim ``time``; see `BlockFile.append`.
 
         Parameters
         ----------
         block
-            Variables of any shape and unit.
-
-        Raises
-        ------
-        ResultsError
-            The file cannot be written.
+            As there.
         """
         along = block[time_variables(block)]
         if self._file is None:
@@ -270,7 +286,7 @@ class JoinedBlocks:
             All variables without the dim ``time``, and the attributes.
         """
         if self._file is not None:
-            return self._file.finish(rest).assign_attrs(rest.attrs)  # which a file gives back as plain lists and text
+            return self._file.finish(rest)
         joined, first = {}, self._open[0]
         for name in time_variables(first):
             one = first[name]
@@ -279,7 +295,16 @@ class JoinedBlocks:
         return rest.assign(joined).set_coords(list(first.coords))
 
 
-def _cannot_write(path: Path, error: OSError) -> ResultsError:
+def cannot_write(path: Path, error: OSError) -> ResultsError:
+    """The error of a file that cannot be written, in words.
+
+    Parameters
+    ----------
+    path
+        The file.
+    error
+        What the system said.
+    """
     return ResultsError(f"{path}: expected to write it, got: {error}; make room, or use another disk")
 
 

@@ -9,8 +9,7 @@ from typing import Any, Final
 
 import xarray as xr
 
-from vfm_sdm.core.arrays import time_blocks
-from vfm_sdm.core.block_files import LONG_BYTES, BlockFile, time_variables
+from vfm_sdm.core.block_files import LONG_BYTES, BlockFile, cannot_write
 from vfm_sdm.core.cf import CONVENTIONS, described, undescribed
 from vfm_sdm.core.datasets import check_displacement, check_points, check_tracks
 from vfm_sdm.core.files import replace_file, write_file
@@ -31,8 +30,6 @@ __all__ = [
 ]
 
 _ENGINE: Final = "h5netcdf"
-_BLOCK: Final = 65536
-"""Frames that are in memory at a time."""
 _READ_ERRORS = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, AssertionError)
 """Errors of xarray, h5netcdf and HDF5 on files that are damaged or hold something else."""
 
@@ -76,13 +73,10 @@ def _write_in_blocks(path: Path, head: xr.Dataset, groups: Mapping[str | None, x
         with replace_file(path) as temporary:
             head.to_netcdf(temporary, engine=_ENGINE)
             for group, dataset in groups.items():
-                file, along = BlockFile(temporary, group), time_variables(dataset)
-                for block in time_blocks(dataset.sizes["time"], size=_BLOCK):
-                    file.append(dataset[along].isel(time=block).load())
-                file.finish(dataset.drop_vars(along)).close()
+                BlockFile(temporary, group).write(dataset).close()
             seal_file(temporary)
     except OSError as error:
-        raise ResultsError(f"{path}: expected to write it, got: {error}; make room, or use another disk") from error
+        raise cannot_write(path, error) from error
     return path
 
 

@@ -13,6 +13,8 @@ from typing import IO
 
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.errors import VfmSdmError
+from vfm_sdm.inputs.session import read_session
+from vfm_sdm.measurement import measure
 
 __all__ = ["MeasureProcess", "Step"]
 
@@ -109,10 +111,6 @@ def _report() -> Progress:
 
 def _main(session: str, run: str) -> int:
     """Measures, and says how it went; the exit statuses are those of the command line."""
-    # In the page's own process nothing of it is needed.
-    from vfm_sdm.inputs.session import read_session  # noqa: PLC0415
-    from vfm_sdm.measurement import measure  # noqa: PLC0415
-
     signal.signal(
         signal.SIGINT, signal.default_int_handler
     )  # a page begun in the background hands on that it is ignored

@@ -6,8 +6,6 @@ import secrets
 import socket
 import webbrowser
 from collections.abc import Callable
-from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 
 from fastapi import Response
@@ -17,11 +15,22 @@ from nicegui import app, background_tasks, run, ui
 from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.page.guard import Guard
 from vfm_sdm.page.state import PageState
+from vfm_sdm.page.steps.films import show_films
+from vfm_sdm.page.steps.measure import show_measure
+from vfm_sdm.page.steps.points import show_points
+from vfm_sdm.page.steps.review import show_review
+from vfm_sdm.page.steps.site import show_site
 
 __all__ = ["serve"]
 
 _HOST = "127.0.0.1"
-_STEPS = ("Films", "Points", "Site", "Measure", "Review")
+_STEPS: dict[str, Callable[[PageState], None]] = {
+    "Films": show_films,
+    "Points": show_points,
+    "Site": show_site,
+    "Measure": show_measure,
+    "Review": show_review,
+}
 _STATIC = Path(__file__).parent / "static"
 _MISSING = 404
 _PATIENCE_S = 0.05
@@ -60,7 +69,6 @@ def serve(page: PageState, *, port: int | None = None, browser: bool = True, tel
         tell(address)
         if browser:
             webbrowser.open(address)
-        await run.io_bound(_prepare_steps, page)
 
     # Startup ends before the port is open.
     app.on_startup(lambda: background_tasks.create(announce(), name="announce"))
@@ -79,15 +87,6 @@ def serve(page: PageState, *, port: int | None = None, browser: bool = True, tel
         finally:
             if page.process is not None:
                 page.process.stop()
-
-
-def _prepare_steps(page: PageState) -> None:
-    """Imports all steps once the first pictures are there, so that nobody waits for it."""
-    for view in page.fields.get("view", ()):
-        with suppress(VfmSdmError):
-            page.pictures().picture(str(view.get("name")))
-    for name in _STEPS:
-        _find_step(name)
 
 
 def _listens(port: int) -> bool:
@@ -122,20 +121,12 @@ def _build(page: PageState) -> None:
         # A column of its own, by which what is still computed for a step sees that it was left.
         with area, ui.column().classes("w-full"):
             try:
-                _find_step(name)(page)
+                _STEPS[name](page)
             except VfmSdmError as error:
                 ui.label(str(error)).classes("text-negative whitespace-pre-line")
 
     tabs.on_value_change(lambda event: show(str(event.value)))
-    tabs.set_value(_STEPS[0])
-
-
-def _find_step(name: str) -> Callable[[PageState], None]:
-    """The function that builds a step, imported when it is first asked for: pictures come before it is."""
-    found: Callable[[PageState], None] = getattr(
-        import_module(f"vfm_sdm.page.steps.{name.lower()}"), f"show_{name.lower()}"
-    )
-    return found
+    tabs.set_value(next(iter(_STEPS)))
 
 
 def _add_routes(page: PageState) -> None:

@@ -3,17 +3,16 @@
 import json
 from contextlib import suppress
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from vfm_sdm.core.threads import thread_pool
 from vfm_sdm.errors import SessionError, VfmSdmError
-from vfm_sdm.inputs.session import Session, Site
+from vfm_sdm.inputs.session import RECORDED, Session, Site
 from vfm_sdm.page.draft import Draft
 from vfm_sdm.page.folder import Project
 from vfm_sdm.page.pictures import Pictures, provisional
 from vfm_sdm.page.process import MeasureProcess
-
-if TYPE_CHECKING:  # what measures takes a second to import, and the first pictures need none of it
-    from vfm_sdm.page.sight import Sight
+from vfm_sdm.page.sight import Sight
 
 __all__ = ["PageState"]
 
@@ -35,14 +34,14 @@ class PageState:
         self._lock = Lock()
 
     def begin(self) -> None:
-        """Begins to make the first pictures of all views, each in a thread of its own, while the page is built."""
-        names = [str(view.get("name")) for view in self.fields.get("view", ())]
-        for name in names:
-            Thread(target=self._make_first, args=(name,), daemon=True).start()
+        """Begins to make the first pictures of all views, while the page is built."""
+        Thread(target=self._make_first, daemon=True).start()
 
-    def _make_first(self, view: str) -> None:
-        with suppress(VfmSdmError):  # whoever asks for the picture is told
-            self.pictures().picture(view)
+    def _make_first(self) -> None:
+        with suppress(VfmSdmError):  # whoever asks for a picture is told
+            pictures = self.pictures()
+            with thread_pool(len(pictures.recordings)) as executor:
+                list(executor.map(pictures.picture, pictures.recordings))
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -80,13 +79,13 @@ class PageState:
             A film cannot be used.
         """
         session = self._films()
-        key = json.dumps(provisional(session.as_fields()).as_fields(), sort_keys=True, default=str)
+        key = json.dumps(session.narrowed(RECORDED).as_fields(), sort_keys=True, default=str)
         with self._lock:
             if self._pictures is None or self._pictures[0] != key:
                 self._pictures = key, Pictures(session)
             return self._pictures[1]
 
-    def sight(self) -> "Sight":
+    def sight(self) -> Sight:
         """What the films show; looked at anew where the session names others, or tells more of their cameras.
 
         Raises
@@ -94,8 +93,6 @@ class PageState:
         SessionError, VideoError
             As of `pictures`.
         """
-        from vfm_sdm.page.sight import Sight  # noqa: PLC0415  (see above)
-
         session, recordings = self._films(), self.pictures().recordings
         key = json.dumps(session.as_fields(), sort_keys=True, default=str)
         with self._lock:

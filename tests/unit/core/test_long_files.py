@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from vfm_sdm.core import netcdf
+from vfm_sdm.core import block_files, netcdf
 from vfm_sdm.core.block_files import BlockFile
 from vfm_sdm.core.datasets import make_tracks
 from vfm_sdm.core.files import match_files
@@ -16,7 +16,7 @@ from vfm_sdm.errors import ResultsError
 def long(monkeypatch):
     """Every file is a long one."""
     monkeypatch.setattr(netcdf, "LONG_BYTES", 1)
-    monkeypatch.setattr(netcdf, "_BLOCK", 7)
+    monkeypatch.setattr(block_files, "_BLOCK", 7)
 
 
 def tracks_of(frames=20):

@@ -9,6 +9,7 @@ from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
 from vfm_sdm.inputs.session.model import Chessboard, Point, Sensor, Session, View
 from vfm_sdm.inputs.session.recordings import (
+    RECORDED,
     FirstFrames,
     camera_tags,
     input_files,
@@ -22,6 +23,7 @@ from vfm_sdm.inputs.session.report import Report
 from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, Ratio, Readings, Rectangle, Site
 
 __all__ = [
+    "RECORDED",
     "Chessboard",
     "Defaults",
     "FirstFrames",

@@ -19,6 +19,7 @@ from vfm_sdm.inputs.video import CameraTags, RgbArray, Video, open_images, open_
 from vfm_sdm.inputs.video.images import find_files, find_images
 
 __all__ = [
+    "RECORDED",
     "FirstFrames",
     "camera_tags",
     "input_files",
@@ -30,6 +31,8 @@ __all__ = [
 ]
 
 
+RECORDED = tuple(f"view.{field}" for field in ("name", "video", "images", "fps", "capture_fps", "use_s"))
+"""Fields of a session by which its recordings are opened."""
 _OF_VISIT = (SESSION, "cameras.toml", "tracks.nc", "displacement.nc")
 """Files of an earlier visit that are read."""
 _OPENING = 16

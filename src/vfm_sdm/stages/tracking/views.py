@@ -9,8 +9,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.allocator import return_free_memory
-from vfm_sdm.core.arrays import time_blocks
-from vfm_sdm.core.block_files import LONG_BYTES, JoinedBlocks
+from vfm_sdm.core.block_files import LONG_BYTES, JoinedBlocks, ScratchFile
 from vfm_sdm.core.datasets import Status, frames_of_points
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.inputs.video import Video, VideoInfo
@@ -38,9 +37,6 @@ from vfm_sdm.stages.tracking.track_noise import include_track_noise
 from vfm_sdm.stages.tracking.undivided import InOnePiece, NoTargets
 
 __all__ = ["is_whole", "track_views"]
-
-_BLOCK = 65536
-"""Frames that are in memory at a time as long tracks are put by."""
 
 
 def track_views(
@@ -146,9 +142,8 @@ def _finish(name: str, view: _View, tracked: TrackedSegments, folder: Path | Non
     """Tracks of a view, of the records of its segments; long ones lie in a file in the folder."""
     joined, passed = join_records(tracked.records(), JoinedBlocks(folder))
     report = passed.report(view.video.info)
-    found = view.tracker.judge(joined, view.targets, view.video.info)
+    found = _settled(view.tracker.judge(joined, view.targets, view.video.info))
     del joined
-    return_free_memory()
     if len(view.targets.names) < len(view.names):
         missing = {
             "status": found["status"].dtype.type(Status.LOST),
@@ -165,10 +160,7 @@ def _finish(name: str, view: _View, tracked: TrackedSegments, folder: Path | Non
     info = view.video.info
     found.attrs.update(view=name, image_width=info.width, image_height=info.height, pixel_aspect=info.pixel_aspect)
     clock = check_frames(found, alike=report.alike)
-    return_free_memory()
-    tracks = include_track_noise(clock.tracks)
-    return_free_memory()
-    tracks = include_lone_errors(tracks)
+    tracks = include_lone_errors(_settled(include_track_noise(_settled(clock.tracks))))
     tracks = include_references(tracks, view.targets.names, [task.start for task in tracked.tasks])
     tracks.attrs["recording"] = {
         **asdict(report),
@@ -181,20 +173,22 @@ def _finish(name: str, view: _View, tracked: TrackedSegments, folder: Path | Non
         "remarks": [*info.remarks, *tracked.remarks, *clock.facts["remarks"]],
         "doubts": [*info.doubts, *tracked.doubts, *clock.facts["doubts"]],
     }
-    tracks = _put_by(tracks, folder)
     del found, clock
-    return_free_memory()
-    return tracks
+    return _settled(_put_by(tracks, folder))
 
 
 def _put_by(tracks: xr.Dataset, folder: Path | None) -> xr.Dataset:
     """The same tracks, in a file where they are long."""
     if tracks.nbytes <= LONG_BYTES:
         return tracks.load()
-    joined = JoinedBlocks(folder)
-    for block in time_blocks(tracks.sizes["time"], size=_BLOCK):
-        joined.append(tracks.isel(time=block))
-    return joined.finish(tracks.drop_dims("time"))
+    return ScratchFile(folder).write(tracks)
+
+
+def _settled(tracks: xr.Dataset) -> xr.Dataset:
+    """The same tracks; of long ones, memory that it took to make them goes back first."""
+    if tracks.nbytes > LONG_BYTES:
+        return_free_memory()
+    return tracks
 
 
 def _describe_choices(subsets: Mapping[str, SubsetChoice], names: list[str]) -> dict[str, Any]:

@@ -234,7 +234,7 @@ class TestLongRecordings:
         """Whatever is tracked is too long for memory."""
         monkeypatch.setattr("vfm_sdm.core.block_files.LONG_BYTES", 1)
         monkeypatch.setattr("vfm_sdm.stages.tracking.views.LONG_BYTES", 1)
-        monkeypatch.setattr("vfm_sdm.stages.tracking.views._BLOCK", 17)
+        monkeypatch.setattr("vfm_sdm.core.block_files._BLOCK", 17)
 
     @pytest.mark.parametrize("segment_s", [1.0, 60.0])
     def test_tracks_in_a_file_are_those_in_memory(self, film, tmp_path, request, segment_s):
