@@ -79,13 +79,13 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     Its terminal has no colours and no edge, whatever the caller's: where lines break and tables are squeezed would
     depend on the length of temporary paths.
     """
-    from rich.console import Console
-
     from vfm_sdm.commands import app as cli
+    from vfm_sdm.commands.terminal import ERR, OUT
 
-    wide = {"width": 10_000, "height": 100, "force_terminal": False, "color_system": None}
-    monkeypatch.setattr(cli, "_out", Console(markup=False, **wide))
-    monkeypatch.setattr(cli, "_err", Console(stderr=True, markup=False, **wide))
+    plain = {"_width": 10_000, "_height": 100, "_force_terminal": False, "_color_system": None}
+    for console in (OUT, ERR):
+        for name, value in plain.items():
+            monkeypatch.setattr(console, name, value)
 
     def run(*words: object) -> tuple[int, str, str]:
         try:

@@ -12,8 +12,8 @@ import pytest
 from scenes import write_scene
 from turning import draw_plan, look
 from vfm_sdm.analysis.evaluation.metrics import Score
-from vfm_sdm.commands import app as cli
 from vfm_sdm.commands import lens as lens_command
+from vfm_sdm.commands.terminal import OUT
 from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 from vfm_sdm.inputs.session import Session, read_session, write_session
 from vfm_sdm.outputs.results import write_displacement
@@ -154,7 +154,7 @@ def test_a_file_that_speaks_for_itself_needs_no_options(command, tmp_path):
 
 
 def test_a_path_is_printed_in_one_piece(command, monkeypatch, sensor_file, tmp_path):
-    monkeypatch.setattr(cli._out, "width", 30)
+    monkeypatch.setattr(OUT, "width", 30)
     output = tmp_path / "my [bold] bridge, spring and autumn" / "ref.nc"
     status, out, _ = command("reference", sensor_file, "-o", output, "--column=vertical=-up")
     assert status == 0
@@ -202,7 +202,7 @@ def benchmark_calls(monkeypatch):
         calls.append((folder, options))
         return Benchmark(folder, dict(tables), {}, [], 90.0)
 
-    monkeypatch.setattr("vfm_sdm.commands.app.run_benchmark", run)
+    monkeypatch.setattr("vfm_sdm.commands.benchmark.run_benchmark", run)
     return calls, tables, case, score
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from vfm_sdm.commands import app as cli
+from vfm_sdm.commands.terminal import ERR
 from vfm_sdm.networks import checkpoints, download
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
@@ -43,7 +43,7 @@ def terminal(monkeypatch, command):
                 return True
 
         monkeypatch.setattr("sys.stdin", Terminal())
-        monkeypatch.setattr(cli._err, "input", lambda prompt, **_: asked.append(str(prompt)) or answer)
+        monkeypatch.setattr(ERR, "input", lambda prompt, **_: asked.append(str(prompt)) or answer)
         return asked
 
     return sit

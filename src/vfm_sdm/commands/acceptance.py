@@ -25,7 +25,7 @@ from vfm_sdm.analysis.acceptance import (
     read_steps,
     write_acceptance,
 )
-from vfm_sdm.commands.terminal import Ending, Terminal, shown_rows
+from vfm_sdm.commands.terminal import OUT, Ending, note, say, shown_rows
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.stages.cameras.solution import read_solution
 from vfm_sdm.studies.verification import read_budget_model, verify_run
@@ -46,8 +46,6 @@ _STYLE = {Outcome.PASS: "green", Outcome.FAIL: "red"}
 
 _MOST_ROWS = 60
 """Rows that a table shows."""
-
-_out = Terminal()
 
 
 @accept.command(name="noise-floor")
@@ -110,27 +108,26 @@ def verify(run: Annotated[Path, Parameter(help="Run folder; nothing is written t
     for finding in found.findings:
         if finding.outcome is not Outcome.PASS:
             line = f"{finding.what}: {finding.sentence}"
-            _out.print(Text(f" {'differs' if finding.outcome is Outcome.FAIL else 'not compared'}: {line}"))
+            OUT.print(Text(f" {'differs' if finding.outcome is Outcome.FAIL else 'not compared'}: {line}"))
     same = sum(finding.outcome is Outcome.PASS for finding in found.findings)
     if found.differing:
-        _out.print(f"verify: {len(found.differing)} differ, {same} agree", style="bold red", highlight=False)
+        OUT.print(f"verify: {len(found.differing)} differ, {same} agree", style="bold red", highlight=False)
         sys.exit(Ending.ERROR)
     if not found.recomputed:
-        _out.print(f"verify: {same} agree, displacement could not be computed anew", style="yellow", highlight=False)
+        OUT.print(f"verify: {same} agree, displacement could not be computed anew", style="yellow", highlight=False)
         sys.exit(Ending.NO_RESULT)
-    _out.print(f"verify: all {same} comparisons agree", style="bold green", highlight=False)
+    OUT.print(f"verify: all {same} comparisons agree", style="bold green", highlight=False)
 
 
 def _finish(run: AcceptedRun, result: Acceptance) -> None:
     """Prints a test, writes its file, and ends with its status."""
-    _out.print(_tabulate(result))
-    for note in (*run.notes, *result.notes):
-        _out.print(f"note: {note}", style="yellow", highlight=False)
+    OUT.print(_tabulate(result))
+    note((*run.notes, *result.notes))
     path = write_acceptance(run, result)
-    _out.print(f"written: {path}", highlight=False, soft_wrap=True)
+    say(f"written: {path}")
     passed = sum(row.outcome is Outcome.PASS for row in result.rows)
     style = f"bold {_STYLE.get(result.outcome, 'yellow')}"
-    _out.print(f"{result.name}: {result.outcome} ({passed} of {len(result.rows)})", style=style, highlight=False)
+    OUT.print(f"{result.name}: {result.outcome} ({passed} of {len(result.rows)})", style=style, highlight=False)
     if result.outcome is not Outcome.PASS:
         sys.exit(_STATUS[result.outcome])
 

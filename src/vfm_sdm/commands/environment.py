@@ -1,4 +1,4 @@
-"""What this machine has: versions, processors, codecs, and which back ends can run."""
+"""The command ``info``: versions, processors and codecs of this machine, and which back ends can run."""
 
 import os
 import platform
@@ -8,6 +8,7 @@ from importlib.util import find_spec
 
 import av.codec
 
+from vfm_sdm.commands.terminal import OUT, say
 from vfm_sdm.core.parts import KINDS, Kind
 from vfm_sdm.core.registry import find, part_names
 from vfm_sdm.errors import BackendUnavailableError
@@ -15,9 +16,17 @@ from vfm_sdm.networks.availability import why_unavailable
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import local_weights
 
-__all__ = ["describe_environment"]
+__all__ = ["describe_environment", "info"]
 
 _CODECS = ("h264", "hevc", "mjpeg", "prores", "av1", "vp9")
+
+
+def info() -> None:
+    """Versions, processors, codecs, and which back ends can run here and why others cannot."""
+    for name, lines in describe_environment().items():
+        OUT.print(name, style="bold")
+        for line in lines:
+            say(f"  {line}")
 
 
 def describe_environment() -> dict[str, list[str]]:

@@ -5,12 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from vfm_sdm.commands.terminal import Terminal
+from vfm_sdm.commands.terminal import say
 from vfm_sdm.studies.planning.frames import find_frames, write_frames
 
 __all__ = ["frames"]
-
-_out = Terminal()
 
 
 def frames(
@@ -23,4 +21,4 @@ def frames(
     Points that come into view later stand in their own frames. Of a run, all points are shown where they were found.
     """
     for path in write_frames(output, find_frames(source)):
-        _out.print(f"written: {path}", highlight=False, soft_wrap=True)
+        say(f"written: {path}")

@@ -1,16 +1,14 @@
 """The command ``lens``: the lens of a camera from a pan clip."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from vfm_sdm.commands.terminal import Ending, Terminal
+from vfm_sdm.commands.terminal import ERR, OUT, fail, note, say
 from vfm_sdm.core.files import write_file
 from vfm_sdm.core.threads import small_algebra
 from vfm_sdm.inputs.video import Video, open_video
@@ -23,9 +21,6 @@ from vfm_sdm.stages.lens.scene import PanScene
 __all__ = ["lens"]
 
 _SCENE = PanScene()
-
-_out = Terminal()
-_err = Console(stderr=True, markup=False)
 
 
 def lens(
@@ -45,22 +40,19 @@ def lens(
     with small_algebra():
         estimate = estimate_lens(video, scene)
     if not estimate.usable or estimate.camera is None:
-        for note in estimate.notes:
-            _err.print(f"note: {note}", style="yellow", highlight=False)
-        _err.print(f"vfm-sdm: no lens: {estimate.status}", style="red", highlight=False, soft_wrap=True)
-        sys.exit(Ending.NO_RESULT)
+        note(estimate.notes, ERR)
+        fail(f"no lens: {estimate.status}")
     known = KnownLens(estimate.camera, estimate.covariance)
     settings = {"nearest_m": nearest, "farthest_m": farthest, "lever_std_m": lever}
     notes = [*estimate.notes, *estimate.advice]
     path = write_lens(output, known, clip=clip, settings=settings, found={"notes": notes})
-    _out.print(_tabulate(known, estimate))
-    for note in notes:
-        _out.print(f"note: {note}", style="yellow", highlight=False)
+    OUT.print(_tabulate(known, estimate))
+    note(notes)
     written = [path]
     if figure and estimate.adjusted is not None:
         written.append(_draw(video, estimate.adjusted, path.with_suffix(".png")))
     for one in written:
-        _out.print(f"written: {one}", highlight=False, soft_wrap=True)
+        say(f"written: {one}")
 
 
 def _draw(video: Video, adjusted: AdjustedClip, path: Path) -> Path:

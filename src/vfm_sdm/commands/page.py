@@ -5,13 +5,11 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
+from vfm_sdm.commands.terminal import say
 from vfm_sdm.errors import BackendUnavailableError
 
 __all__ = ["page_command"]
-
-_out = Console(markup=False)
 
 
 def page_command(
@@ -34,7 +32,7 @@ def page_command(
         ) from error
 
     def tell(address: str) -> None:
-        _out.print(f"page: {address}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
+        say(f"page: {address}\nCtrl-C ends it.")
 
     with suppress(KeyboardInterrupt):  # which is how it is meant to end
         serve(page, port=port, browser=browser, tell=tell)

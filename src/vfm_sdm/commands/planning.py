@@ -1,6 +1,5 @@
 """The command ``plan``: what a site will be worth before anybody drives there."""
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import Ending, Terminal
+from vfm_sdm.commands.terminal import OUT, fail, say
 from vfm_sdm.studies.planning.advice import view_angles
 from vfm_sdm.studies.planning.from_run import plan_from_run
 from vfm_sdm.studies.planning.plan import read_plan
@@ -23,7 +22,6 @@ __all__ = ["plan"]
 
 _MOST_ADVICE = 6
 _LEAST_SHARE = 0.01
-_out = Terminal()
 
 
 def plan(
@@ -40,12 +38,11 @@ def plan(
     with show_progress() as progress:
         report = study_plan(planned, films=films, progress=progress)
     for part in _report(report):
-        _out.print(part)
+        OUT.print(part)
     written = write_report(output, report)
-    _out.print(f"written: {', '.join(map(str, written))}", highlight=False, soft_wrap=True)
+    say(f"written: {', '.join(map(str, written))}")
     if report.rehearsal is not None and not np.isfinite(report.rehearsal.ratio):
-        _out.print(f"no rehearsal: {report.rehearsal.status}", style="red", highlight=False)
-        sys.exit(Ending.NO_RESULT)
+        fail(f"no rehearsal: {report.rehearsal.status}")
 
 
 def _report(report: PlanReport) -> Iterator[RenderableType]:

@@ -1,6 +1,5 @@
 """The commands ``points``: places that are worth measuring."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -8,12 +7,11 @@ import cyclopts
 import numpy as np
 from cyclopts import Parameter
 from rich import box
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import Ending, Terminal, say_rest, shown_rows
+from vfm_sdm.commands.terminal import OUT, fail, note, say, say_rest, shown_rows
 from vfm_sdm.errors import CameraError, DatasetError, SessionError
 from vfm_sdm.inputs.session import read_session, write_session
 from vfm_sdm.studies.planning.suggested_picture import write_picture
@@ -22,9 +20,6 @@ from vfm_sdm.studies.planning.suggestion import Suggestion, suggest_points
 __all__ = ["points"]
 
 points = cyclopts.App(name="points", help="Points of a session: find places that are worth measuring.")
-
-_out = Terminal()
-_err = Console(stderr=True, markup=False)
 
 
 @points.command
@@ -46,14 +41,12 @@ def suggest(
             found = suggest_points(settings, count=count, static=static, progress=progress)
     except (CameraError, DatasetError) as error:
         # The input was right, the pictures did not allow a result.
-        _err.print(f"vfm-sdm: {error}", style="red", highlight=False, soft_wrap=True)
-        sys.exit(Ending.NO_RESULT)
-    _out.print(_tabulate(found))
-    for note in found.notes:
-        _out.print(f"note: {note}", style="yellow", highlight=False)
+        fail(error)
+    OUT.print(_tabulate(found))
+    note(found.notes)
     written = write_session(output, found.session)
     picture = write_picture(output.with_suffix(".png"), found)
-    _out.print(f"written: {written}, {picture}", highlight=False, soft_wrap=True)
+    say(f"written: {written}, {picture}")
 
 
 def _tabulate(found: Suggestion) -> Table:

@@ -4,13 +4,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 
+from vfm_sdm.commands.terminal import say
 from vfm_sdm.outputs.report import write_report
 
 __all__ = ["report"]
-
-_out = Console(markup=False)
 
 
 def report(
@@ -29,4 +27,4 @@ def report(
 ) -> None:
     """A measurement as a report for the client: one HTML file that prints on A4, and PDF."""
     for path in write_report(run, output, language=language, pdf=pdf, session=session):
-        _out.print(f"written: {path}", highlight=False, soft_wrap=True)
+        say(f"written: {path}")

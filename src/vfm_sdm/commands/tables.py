@@ -1,9 +1,8 @@
 """What a command prints: short tables that can be read on a windy bank."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import timedelta
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -12,13 +11,10 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vfm_sdm.analysis.evaluation import Evaluation, EvaluationRow
-from vfm_sdm.commands.terminal import say_rest, shown_rows
+from vfm_sdm.commands.terminal import add_name_column, number_text, say_rest, shown_rows
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
 from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, RevisitStatus, Verdict
 from vfm_sdm.measurement import Measurement
-from vfm_sdm.networks.checkpoints import CHECKPOINTS
-from vfm_sdm.networks.weights import local_weights
 from vfm_sdm.outputs.results import Worth, describe_expectation, summarize_displacement
 from vfm_sdm.stages.audit import Audit, AuditedInterval
 from vfm_sdm.stages.audit.scale_budget import ScaleBudget, say_percent
@@ -26,27 +22,18 @@ from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 from vfm_sdm.stages.revisit import Revisit
 
-if TYPE_CHECKING:
-    from vfm_sdm.studies.protocol import Benchmark
-    from vfm_sdm.studies.protocol import Table as ProtocolTable
-
 __all__ = [
     "audit_report",
-    "benchmark_tables",
     "budget_table",
     "camera_report",
     "displacement_table",
-    "evaluation_table",
     "expectation_table",
     "measurement_report",
-    "reference_table",
     "revisit_table",
     "track_table",
-    "weights_table",
 ]
 
 
-_CASE_COLUMNS = 3
 _NO_LIMIT = 1e-6
 """Limit of a check below which any amount is a caution, and none is worth saying."""
 _MOST_INTERVALS = 5
@@ -54,14 +41,10 @@ _WORTH_SAYING_S = 0.05
 _WORTH_NAMING, _WORTH_MEASURING = 0.05, 0.9
 """Share of the scale's variance from which a source is named, and share of its uncertainty that a further reading has
 to leave at most to be named [1]."""
-_SUMMARY_ROWS = 2
 _COLOURS = {Worth.GOOD: "green", Worth.PART: "", Worth.EDGE: "yellow", Worth.UNKNOWN: "", Worth.REFUSED: "red"}
-_NAME_WIDTH = 16
-"""Letters of a name that tables have room for; most are shorter."""
 _ROOM_BESIDE_BUDGET = 10
 _SHORT = {"cameras": "camera", "synchronization": "clocks", "assumption": "assum.", "compression": "compr."}
 """Headings with which all components of the budget stand in one line of a terminal of 80 columns."""
-"""Mean and standard deviation, at the end of a table."""
 
 
 def measurement_report(measurement: Measurement) -> Iterator[RenderableType]:
@@ -172,7 +155,7 @@ def revisit_table(revisit: Revisit) -> Table:
     """Change of rest position of each point with its expanded uncertainty (k = 2), or why there is none."""
     title = f"Change of rest position since {revisit.baseline!r} in mm, +- k=2"
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    _add_name_column(table, "point", [one.point for one in revisit.changes])
+    add_name_column(table, "point", [one.point for one in revisit.changes])
     for axis in revisit.axes:
         table.add_column(Text(axis), justify="right", overflow="fold")
     table.add_column(Text(""), overflow="fold")
@@ -236,7 +219,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
         "valid %",
     ):
         if name == "point":
-            _add_name_column(table, name, displacement["point"].values)
+            add_name_column(table, name, displacement["point"].values)
         else:
             table.add_column(Text(name), justify="left" if name == "axis" else "right", no_wrap=name == "axis")
     for point, figures in summarize_displacement(_first(displacement)).items():
@@ -244,13 +227,13 @@ def displacement_table(displacement: xr.Dataset) -> Table:
             table.add_row(
                 point if number == 0 else "",
                 axis,
-                _number(values["peak_to_peak_mm"], "{:.2f}"),
-                _number(values["expanded_uncertainty_mm"], "{:.2f}"),
-                _number(values["random_std_mm"], "{:.3f}"),
-                _number(values["detection_limit_mm"], "{:.3f}"),
-                _number(values["scale_std"], "{:.1f}", 100),
-                _number(values["dominant_frequency_hz"], "{:.2f}"),
-                _number(figures["coverage_valid"], "{:.0f}", 100),
+                number_text(values["peak_to_peak_mm"], "{:.2f}"),
+                number_text(values["expanded_uncertainty_mm"], "{:.2f}"),
+                number_text(values["random_std_mm"], "{:.3f}"),
+                number_text(values["detection_limit_mm"], "{:.3f}"),
+                number_text(values["scale_std"], "{:.1f}", 100),
+                number_text(values["dominant_frequency_hz"], "{:.2f}"),
+                number_text(figures["coverage_valid"], "{:.0f}", 100),
             )
     return say_rest(table, displacement.sizes["point"], "summary.json")
 
@@ -265,7 +248,7 @@ def budget_table(displacement: xr.Dataset) -> Table:
         show_edge=False,
     )
     components = [str(name) for name in displacement["component"].values]
-    _add_name_column(table, "point", displacement["point"].values, room=_ROOM_BESIDE_BUDGET)
+    add_name_column(table, "point", displacement["point"].values, room=_ROOM_BESIDE_BUDGET)
     table.add_column(Text("axis"), no_wrap=True)
     for name in (*components, "k = 2"):
         table.add_column(Text(_SHORT.get(name, name)), justify="right", no_wrap=True)
@@ -277,7 +260,7 @@ def budget_table(displacement: xr.Dataset) -> Table:
             expanded = (
                 COVERAGE_FACTOR * float(np.sqrt(np.sum(np.square(known)))) if len(known) == len(components) else None
             )
-            cells = [_number(part, "{:.3f}") for part in (*parts, expanded)]
+            cells = [number_text(part, "{:.3f}") for part in (*parts, expanded)]
             table.add_row(point if number == 0 else "", axis, *cells)
     return say_rest(table, displacement.sizes["point"], "summary.json")
 
@@ -292,7 +275,7 @@ def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
     table = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for name in ("view", "point", "range u [px]", "range v [px]", "median std [px]", *STATUS_MEANINGS[:4]):
         if name == "point":
-            _add_name_column(table, name, [p for of_view in tracks.values() for p in of_view["point"].values])
+            add_name_column(table, name, [p for of_view in tracks.values() for p in of_view["point"].values])
         else:
             table.add_column(Text(name), justify="left" if name == "view" else "right")
     for view, of_view in tracks.items():
@@ -306,111 +289,3 @@ def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
             counts = [str(int((status == code).sum())) for code in range(Status.UNRELIABLE + 1)]
             table.add_row(view, str(point), f"{span[0]:.2f}", f"{span[1]:.2f}", f"{std:.4f}", *counts)
     return say_rest(table, max((of_view.sizes["point"] for of_view in tracks.values()), default=0), "tracks.nc")
-
-
-def reference_table(reference: xr.Dataset) -> Table:
-    """Onset, samples, replaced outliers and peak-to-peak of each sensor of a reference dataset."""
-    low, high = reference.attrs["band_hz"]
-    title = Text(
-        f"Reference displacement, {low:g} to {high:g} Hz, onset {reference.attrs.get('onset_status', 'given')}"
-    )
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    axes = [str(axis) for axis in reference["axis"].values]
-    for name in ("sensor", "onset [s]", "samples", "outliers", *(f"{axis} p-p [mm]" for axis in axes)):
-        if name == "sensor":
-            _add_name_column(table, name, reference["sensor"].values)
-        else:
-            table.add_column(Text(name), justify="right")
-    for sensor in reference["sensor"].values:
-        one = reference.sel(sensor=sensor)
-        spans = one["displacement"].max("time") - one["displacement"].min("time")
-        table.add_row(
-            str(sensor),
-            f"{reference.attrs['onset_s']:.3f}",
-            str(int(one["displacement"].notnull().all("axis").sum())),
-            str(int(one["outliers"].sum())) if "outliers" in one else "-",
-            *(_number(float(span), "{:.3f}") for span in spans),
-        )
-    return table
-
-
-def evaluation_table(evaluation: Evaluation) -> Table:
-    """The paper's metrics and what they hide, a point and axis, with mean and standard deviation of the former.
-
-    ``cover`` is the share of samples whose stated interval, nominally 95 %, holds the reference.
-    """
-    title = f"Compared with {evaluation.reference_name}"
-    if evaluation.band_hz is not None:
-        title += ", {:g} to {:g} Hz".format(*evaluation.band_hz)
-    lag = evaluation.synchronization
-    if lag is not None and lag.ok:
-        title += f", lag {1e3 * lag.lag_s:.1f} +- {1e3 * lag.lag_std_s:.1f} ms"
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=0)
-    _add_name_column(table, "point", [row.point for row in evaluation.rows])
-    table.add_column("axis", no_wrap=True)
-    for name in ("NRMSE", "corr.", "RPPAE", "gain", "skill", "lag ms", "cover %", "RMS mm"):
-        table.add_column(name, justify="right", no_wrap=True)
-    previous, points = None, list(dict.fromkeys(row.point for row in evaluation.rows))
-    shown = {*points[: shown_rows(len(points))]}
-    for row in (row for row in evaluation.rows if row.point in shown):
-        table.add_row("" if row.point == previous else row.point, row.axis, *_figures(row))
-        previous = row.point
-    table.add_section()
-    metrics = evaluation.mean_and_std().values()
-    counted = f"{len(evaluation.scored_rows)} of {len(evaluation.rows)}"
-    table.add_row("mean", counted, *(_number(mean, "{:.3f}") for mean, _ in metrics))
-    table.add_row("std", "", *(_number(std, "{:.3f}") for _, std in metrics), end_section=True)
-    return say_rest(table, len(points), "evaluation.json")
-
-
-def weights_table() -> Table:
-    """Network, size and licence of every checkpoint, and its file where it is here."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for name in ("name", "network", "size", "licence", "here"):
-        table.add_column(Text(name), justify="right" if name == "size" else "left")
-    for name, one in CHECKPOINTS.items():
-        file = local_weights(name)
-        licence = f"{one.licence} (gated)" if one.gated else one.licence
-        table.add_row(name, one.network, one.size, licence, file.name if file.is_file() else "not here")
-    table.caption, table.caption_justify = Text("not here: vfm-sdm weights fetch NAME"), "left"
-    return table
-
-
-def _figures(row: EvaluationRow) -> Iterator[str]:
-    score = row.score
-    for value in (score.nrmse_range, score.correlation, score.rppae, score.gain, score.skill):
-        yield _number(value, "{:.3f}")
-    yield _number(score.lag_s, "{:.1f}", 1e3)
-    yield _number(score.coverage, "{:.0f}", 100)
-    yield _number(row.rms_error_mm, "{:.3f}")
-
-
-def benchmark_tables(benchmark: "Benchmark") -> Iterator[RenderableType]:
-    """Every case with SGR against truth and against the accelerometers; field tests outside the assumptions apart."""
-    for against in ("truth", "accelerometers"):
-        title = Text(f"Protocol, with SGR, against {against}")
-        yield _score_table(title, benchmark.tables[f"refinement_against_{against}"], ": with SGR")
-    outside = benchmark.tables["outside_assumptions"]
-    if len(outside.rows) > _SUMMARY_ROWS:
-        yield _score_table(Text(outside.title, style="red"), outside, ": with SGR")
-
-
-def _score_table(title: Text, source: "ProtocolTable", suffix: str) -> Table:
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    chosen = [n for n, name in enumerate(source.columns) if n < _CASE_COLUMNS or name.endswith(suffix)]
-    for n in chosen:
-        name = source.columns[n].removesuffix(suffix)
-        table.add_column(Text(name), justify="left" if n < _CASE_COLUMNS else "right", no_wrap=n < _CASE_COLUMNS)
-    for row in source.rows:
-        table.add_row(*(c if isinstance(c := row[n], str) else _number(c, "{:.3f}") for n in chosen))
-    return table
-
-
-def _add_name_column(table: Table, title: str, names: Iterable[str], *, room: int = _NAME_WIDTH) -> None:
-    """A column of names that shows them whole: those longer than its room go on in the next line."""
-    longest = max((len(str(name)) for name in names), default=0)
-    table.add_column(Text(title), min_width=min(max(longest, len(title)), room), overflow="fold")
-
-
-def _number(value: float | None, form: str, factor: float = 1.0) -> str:
-    return "-" if value is None or not np.isfinite(value) else form.format(value * factor)

@@ -1,17 +1,33 @@
 """What commands print, as text for people or, with ``--json``, as one JSON object; and how they end."""
 
 import json
-from collections.abc import Iterator
+import math
+import sys
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import IntEnum
-from typing import Any
+from typing import Any, NoReturn
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Ending", "Terminal", "as_json", "say_rest", "shown_rows", "table_rows"]
+__all__ = [
+    "ERR",
+    "OUT",
+    "Ending",
+    "Terminal",
+    "add_name_column",
+    "as_json",
+    "fail",
+    "note",
+    "number_text",
+    "say",
+    "say_rest",
+    "shown_rows",
+    "table_rows",
+]
 
 
 class Ending(IntEnum):
@@ -30,6 +46,8 @@ class Ending(IntEnum):
 
 _MOST_POINTS = 20
 """Points that a table shows: a screen and a half, with three axes each."""
+_NAME_WIDTH = 16
+"""Letters of a name that tables have room for; most are shorter."""
 _COLLECTED: ContextVar[dict[str, list[Any]] | None] = ContextVar("collected", default=None)
 
 
@@ -58,6 +76,49 @@ class Terminal(Console):
                 collected["lines"] += [line for line in _plain(one.caption).splitlines() if line]
             else:
                 collected["lines"].append(_plain(one).strip())
+
+
+OUT = Terminal()
+"""Standard output of all commands."""
+ERR = Console(stderr=True, markup=False)
+"""Where commands say what is wrong, and ask."""
+
+
+def say(line: str) -> None:
+    """Prints a line as it is: the terminal's edge breaks no path.
+
+    Parameters
+    ----------
+    line
+        The line.
+    """
+    OUT.print(line, highlight=False, soft_wrap=True)
+
+
+def note(notes: Iterable[str], console: Console = OUT) -> None:
+    """Prints what a reader must know.
+
+    Parameters
+    ----------
+    notes
+        Sentences.
+    console
+        Where to; standard error where there is no result.
+    """
+    for one in notes:
+        console.print(f"note: {one}", style="yellow", highlight=False)
+
+
+def fail(reason: object) -> NoReturn:
+    """Ends with status 3: the input was right, the data did not allow a result.
+
+    Parameters
+    ----------
+    reason
+        Why.
+    """
+    ERR.print(f"vfm-sdm: {reason}", style="red", highlight=False, soft_wrap=True)
+    sys.exit(Ending.NO_RESULT)
 
 
 @contextmanager
@@ -116,6 +177,42 @@ def say_rest(table: Table, count: int, where: str) -> Table:
     if left > 0:
         table.caption, table.caption_justify = Text(f"... and {left} more points; all in {where}"), "left"
     return table
+
+
+def add_name_column(table: Table, title: str, names: Iterable[str], *, room: int = _NAME_WIDTH) -> None:
+    """Adds a column that shows names whole: those longer than its room go on in the next line.
+
+    Parameters
+    ----------
+    table, title
+        The table, and the column's heading.
+    names
+        The names.
+    room
+        Letters that the table has room for.
+    """
+    longest = max((len(str(name)) for name in names), default=0)
+    table.add_column(Text(title), min_width=min(max(longest, len(title)), room), overflow="fold")
+
+
+def number_text(value: float | None, form: str, factor: float = 1.0) -> str:
+    """A number of a table; a dash where there is none.
+
+    Parameters
+    ----------
+    value
+        The number.
+    form
+        How it is written.
+    factor
+        What it is multiplied by before.
+
+    Examples
+    --------
+    >>> number_text(0.00123, "{:.2f}", 1000.0), number_text(None, "{:.2f}")
+    ('1.23', '-')
+    """
+    return "-" if value is None or not math.isfinite(value) else form.format(value * factor)
 
 
 def table_rows(table: Table) -> list[dict[str, Any]]:

@@ -11,16 +11,9 @@ from pathlib import Path
 from threading import Thread
 from typing import IO
 
-from vfm_sdm.core.progress import Progress
-from vfm_sdm.errors import VfmSdmError
-from vfm_sdm.inputs.session import read_session
-from vfm_sdm.measurement import measure
-
 __all__ = ["MeasureProcess", "Step"]
 
 _MOST_LINES = 500
-_EVERY = 10
-"""Frames between two reports of one step."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +47,7 @@ class MeasureProcess:
     def __init__(self, session: Path, run: Path) -> None:
         self.lines: deque[str] = deque(maxlen=_MOST_LINES)
         self.step = Step("begins")
-        arguments = [sys.executable, "-m", "vfm_sdm.page.process", str(session), str(run)]
+        arguments = [sys.executable, "-m", "vfm_sdm.page.measuring", str(session), str(run)]
         self._process = subprocess.Popen(
             arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8", errors="replace",
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
@@ -95,40 +88,3 @@ class MeasureProcess:
             if step.what != self.step.what:
                 self.lines.append(step.what)
             self.step = step
-
-
-def _report() -> Progress:
-    """Progress as lines of JSON, of each step not more than every so many frames."""
-    last = [""]
-
-    def say(what: str, done: int, total: int | None) -> None:
-        if what != last[0] or done % _EVERY == 0 or done == total:
-            last[0] = what
-            sys.stdout.write(json.dumps({"what": what, "done": done, "total": total}) + "\n")
-
-    return say
-
-
-def _main(session: str, run: str) -> int:
-    """Measures, and says how it went; the exit statuses are those of the command line."""
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # a page begun in the background hands on that it is ignored
-    try:
-        found = measure(read_session(session), run, progress=_report())
-    except VfmSdmError as error:
-        sys.stdout.write(f"{error}\n")
-        return 1
-    except KeyboardInterrupt:
-        sys.stdout.write("stopped; what is done is kept, and the next run goes on\n")
-        return 130
-    for note in found.summary["notes"]:
-        sys.stdout.write(f"{note}\n")
-    sys.stdout.write(f"cameras: {found.cameras.status}\n")
-    if found.audit is not None:
-        sys.stdout.write(f"verdict: {found.audit.verdict}\n")
-    return 0 if found.displacement is not None else 3
-
-
-if __name__ == "__main__":
-    sys.exit(_main(*sys.argv[1:]))

@@ -6,6 +6,7 @@ import secrets
 import socket
 import webbrowser
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 from fastapi import Response
@@ -15,22 +16,12 @@ from nicegui import app, background_tasks, run, ui
 from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.page.guard import Guard
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.films import show_films
-from vfm_sdm.page.steps.measure import show_measure
-from vfm_sdm.page.steps.points import show_points
-from vfm_sdm.page.steps.review import show_review
-from vfm_sdm.page.steps.site import show_site
 
 __all__ = ["serve"]
 
 _HOST = "127.0.0.1"
-_STEPS: dict[str, Callable[[PageState], None]] = {
-    "Films": show_films,
-    "Points": show_points,
-    "Site": show_site,
-    "Measure": show_measure,
-    "Review": show_review,
-}
+_STEPS = ("Films", "Points", "Site", "Measure", "Review")
+"""Each is ``show_NAME`` of a module of its own, imported when it is wanted: the first needs little of all that."""
 _STATIC = Path(__file__).parent / "static"
 _MISSING = 404
 _PATIENCE_S = 0.05
@@ -69,6 +60,7 @@ def serve(page: PageState, *, port: int | None = None, browser: bool = True, tel
         tell(address)
         if browser:
             webbrowser.open(address)
+        await run.io_bound(lambda: [_step(name) for name in _STEPS])
 
     # Startup ends before the port is open.
     app.on_startup(lambda: background_tasks.create(announce(), name="announce"))
@@ -121,12 +113,19 @@ def _build(page: PageState) -> None:
         # A column of its own, by which what is still computed for a step sees that it was left.
         with area, ui.column().classes("w-full"):
             try:
-                _STEPS[name](page)
+                _step(name)(page)
             except VfmSdmError as error:
                 ui.label(str(error)).classes("text-negative whitespace-pre-line")
 
     tabs.on_value_change(lambda event: show(str(event.value)))
-    tabs.set_value(next(iter(_STEPS)))
+    tabs.set_value(_STEPS[0])
+
+
+def _step(name: str) -> Callable[[PageState], None]:
+    """What builds a step."""
+    name = name.lower()
+    show: Callable[[PageState], None] = getattr(import_module(f"vfm_sdm.page.steps.{name}"), f"show_{name}")
+    return show
 
 
 def _add_routes(page: PageState) -> None:

@@ -3,7 +3,7 @@
 import json
 from contextlib import suppress
 from threading import Lock, Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vfm_sdm.core.threads import thread_pool
 from vfm_sdm.errors import SessionError, VfmSdmError
@@ -12,7 +12,9 @@ from vfm_sdm.page.draft import Draft
 from vfm_sdm.page.folder import Project
 from vfm_sdm.page.pictures import Pictures, provisional
 from vfm_sdm.page.process import MeasureProcess
-from vfm_sdm.page.sight import Sight
+
+if TYPE_CHECKING:
+    from vfm_sdm.page.sight import Sight
 
 __all__ = ["PageState"]
 
@@ -85,7 +87,7 @@ class PageState:
                 self._pictures = key, Pictures(session)
             return self._pictures[1]
 
-    def sight(self) -> Sight:
+    def sight(self) -> "Sight":
         """What the films show; looked at anew where the session names others, or tells more of their cameras.
 
         Raises
@@ -93,6 +95,9 @@ class PageState:
         SessionError, VideoError
             As of `pictures`.
         """
+        # It brings all that measures, and pictures need not wait for that.
+        from vfm_sdm.page.sight import Sight  # noqa: PLC0415
+
         session, recordings = self._films(), self.pictures().recordings
         key = json.dumps(session.as_fields(), sort_keys=True, default=str)
         with self._lock:

@@ -3,7 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from rich.console import Console
 
 from vfm_sdm.commands import points as command_module
 from vfm_sdm.errors import CameraError, DatasetError
@@ -58,7 +57,6 @@ def test_table_session_and_picture(session, tmp_path, command, monkeypatch, caps
         return suggestion(session)
 
     monkeypatch.setattr(command_module, "suggest_points", suggest)
-    monkeypatch.setattr(command_module, "_out", Console(markup=False, width=200))
     target = tmp_path / "new" / "with points.toml"
     target.parent.mkdir()
     words = ("points", "suggest", tmp_path / "session.toml", "-o", target, "--count", 4, "--static", 1)

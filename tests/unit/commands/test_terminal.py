@@ -15,8 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands import app as cli
-from vfm_sdm.commands import tables
+from vfm_sdm.commands import measuring, tables
 from vfm_sdm.commands.terminal import Ending, Terminal, as_json
+from vfm_sdm.commands.weights import weights_table
 from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 from vfm_sdm.core.statuses import SessionOutcome, Verdict
 from vfm_sdm.studies.batch import BatchRow
@@ -91,7 +92,7 @@ def test_tables_of_many_points_end(capsys):
 
 
 def test_tables_fit_eighty_columns():
-    for table in (tables.displacement_table(example(3)), tables.weights_table()):
+    for table in (tables.displacement_table(example(3)), weights_table()):
         console = Console(width=200, file=io.StringIO())
         assert console.measure(table).maximum <= 80
 
@@ -129,8 +130,8 @@ def test_a_refused_result_has_a_status_of_its_own(monkeypatch, command, tmp_path
         cameras=None, tracks={}, displacement=None, audit=SimpleNamespace(verdict=verdict), summary={}
     )
     for name, value in {"read_session": None, "measure": result, "first_cause": ""}.items():
-        monkeypatch.setattr(cli, name, lambda *_, value=value, **__: value)
-    monkeypatch.setattr(cli.reports, "measurement_report", lambda _: [])
+        monkeypatch.setattr(measuring, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(measuring.tables, "measurement_report", lambda _: [])
     assert command("measure", "session.toml", "-o", tmp_path)[0] == status
 
 

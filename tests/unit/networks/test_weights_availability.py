@@ -137,7 +137,7 @@ from vfm_sdm.errors import BackendUnavailableError
 from vfm_sdm.networks import availability, checkpoints, download, loading, weights
 import vfm_sdm.commands.app
 from vfm_sdm.commands.environment import describe_environment
-from vfm_sdm.commands.tables import weights_table
+from vfm_sdm.commands.weights import weights_table
 assert weights_table().row_count == len(checkpoints.CHECKPOINTS)
 lines = describe_environment()["vision foundation models"]
 assert "not installed; pip install 'vfm-sdm[vfm]'" in lines[0], lines

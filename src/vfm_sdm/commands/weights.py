@@ -1,0 +1,71 @@
+"""The commands ``weights list`` and ``weights fetch``: checkpoints of the networks."""
+
+import sys
+from typing import Annotated
+
+import cyclopts
+from cyclopts import Parameter
+from rich import box
+from rich.prompt import Confirm
+from rich.table import Table
+from rich.text import Text
+
+from vfm_sdm.commands.progress import show_progress
+from vfm_sdm.commands.terminal import ERR, OUT, say
+from vfm_sdm.networks.checkpoints import CHECKPOINTS
+from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
+
+__all__ = ["weights", "weights_table"]
+
+weights = cyclopts.App(name="weights", help="Checkpoints of the vision foundation models: list and fetch them.")
+
+
+@weights.command(name="list")
+def list_weights() -> None:
+    """Every checkpoint: its network, size and licence, and where it lies or how to fetch it."""
+    say(f"weights in {weights_folder()}")
+    OUT.print(weights_table())
+
+
+@weights.command
+def fetch(
+    name: Annotated[str, Parameter(help="As `vfm-sdm weights list` names it.")],
+    *,
+    accept_licence: Annotated[
+        bool, Parameter(negative="", help="Acknowledge the licence of these weights; remembered.")
+    ] = False,
+) -> None:
+    """Download a checkpoint after its licence was acknowledged; a download cut short leaves nothing behind."""
+    accepted = accept_licence or _acknowledged(name)
+    with show_progress() as progress:
+        path = fetch_weights(
+            name,
+            accept_licence=accepted,
+            progress=lambda what, done, total: progress(
+                f"{what}, MB", done // 10**6, None if total is None else total // 10**6
+            ),
+        )
+    say(f"here: {path}")
+
+
+def _acknowledged(name: str) -> bool:
+    """Asks for the licence where a person can answer and has not yet done so."""
+    if is_licence_accepted(name) or local_weights(name).is_file() or not sys.stdin.isatty():
+        return False
+    one = CHECKPOINTS[name]
+    for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
+        ERR.print(line, highlight=False)
+    return Confirm.ask("Have you read this licence, and do you accept it?", console=ERR, default=False)
+
+
+def weights_table() -> Table:
+    """Network, size and licence of every checkpoint, and its file where it is here."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    for name in ("name", "network", "size", "licence", "here"):
+        table.add_column(Text(name), justify="right" if name == "size" else "left")
+    for name, one in CHECKPOINTS.items():
+        file = local_weights(name)
+        licence = f"{one.licence} (gated)" if one.gated else one.licence
+        table.add_row(name, one.network, one.size, licence, file.name if file.is_file() else "not here")
+    table.caption, table.caption_justify = Text("not here: vfm-sdm weights fetch NAME"), "left"
+    return table
