@@ -2,9 +2,10 @@
 
 A rendered piece of a stereo pair (1920 x 1080 px, 30 frames a second, H.264) is looped by copying its packets: the
 motion begins and ends at rest, so that the truth is exact over the joints. Decoding and measuring alternate, in
-processes of their own. ``--scaling`` tracks the same films in one piece, in segments, by one and two processes and by
-a Dask cluster of two, whose results must be the same bytes. ``--day`` measures hours of simulated tracks of ten points,
-with traffic and quiet times, a settling tripod and a drifting clock, through everything behind tracking.
+processes of their own, and with ``--workers`` so many processes share each of both. ``--scaling`` tracks the same films
+in one piece, in segments, by one and two processes and by a Dask cluster of two, whose results must be the same bytes.
+``--day`` measures hours of simulated tracks of ten points, with traffic and quiet times, a settling tripod and a
+drifting clock, through everything behind tracking.
 """
 
 import argparse
@@ -122,10 +123,23 @@ def run(code: str, *arguments: str) -> tuple[float, float]:
 DECODE = """
 import sys
 from vfm_sdm.inputs.video import open_video
-for path in sys.argv[1:]:
-    for frame in open_video(path).frames():
+for path in sys.argv[2:]:
+    film = open_video(path)
+    for frame in (film.on_one_thread() if int(sys.argv[1]) else film).frames():
         pass
 """
+
+
+def decode(films: Sequence[str], workers: int) -> float:
+    """Seconds of decoding films: one after the other, or shared by so many processes, each on a thread of its own."""
+    begin = time.perf_counter()
+    shares = [films[number :: workers or 1] for number in range(workers or 1)]
+    processes = [subprocess.Popen([sys.executable, "-c", DECODE, str(workers), *share]) for share in shares if share]
+    if sum(process.wait() for process in processes):
+        raise SystemExit("decoding: a process failed")
+    return time.perf_counter() - begin
+
+
 COMMAND = "import sys; from vfm_sdm.commands.app import main; main(sys.argv[1:])"
 """The command line, in a process that this one can ask for its memory."""
 
@@ -145,8 +159,9 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def measure_long(piece: Path, folder: Path, minutes: Sequence[float], options: Sequence[str]) -> dict[str, object]:
+def measure_long(piece: Path, folder: Path, minutes: Sequence[float], workers: int) -> dict[str, object]:
     """Time, memory and errors of recordings of several lengths."""
+    options = ["--workers", str(workers)] if workers else []
     heading = ("recording", "frames", "decode [s]", "measure [s]", "ratio", "peak [MB]", "rms error [mm]")
     print("  ".join(f"{name:>{width}s}" for name, width in zip(heading, COLUMNS, strict=True)))
     summary: dict[str, object] = {}
@@ -155,7 +170,7 @@ def measure_long(piece: Path, folder: Path, minutes: Sequence[float], options: S
         pieces = max(round(60 * length / PIECE_S), 1)
         session = loop(piece, folder / f"{length:g}", pieces)
         films = [str(path) for path in sorted(session.parent.glob("*.mp4"))]
-        decode_s, _ = run(DECODE, *films)
+        decode_s = decode(films, workers)
         out = folder / f"run-{length:g}"
         measure_s, peak = run(COMMAND, "measure", str(session), "-o", str(out), *options)
         rms = error_mm(out, piece)
@@ -380,10 +395,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # In a process of its own: what this one once took counts as a peak of all that it starts.
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as renderer:
             piece = renderer.submit(make_piece, folder / "piece", options.height).result()
-        work = ["--workers", str(options.workers)] if options.workers else []
-        summary: dict[str, object] = {"processors": os.cpu_count(), "height_px": options.height}
+        summary: dict[str, object] = {
+            "processors": os.cpu_count(),
+            "height_px": options.height,
+            "workers": options.workers,
+        }
         if options.minutes[0] > 0:
-            summary |= measure_long(piece, folder, options.minutes, work)
+            summary |= measure_long(piece, folder, options.minutes, options.workers)
         if options.scaling:
             summary |= compare_workers(piece, folder, options.scaling)
     finally:
