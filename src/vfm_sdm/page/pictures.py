@@ -88,8 +88,7 @@ class Pictures:
             return _encode(view, video.single(number).color_frame(number))
         with self._locks[view]:
             if view not in self._first:
-                # Several threads decode several pictures before the first one comes out.
-                self._first[view] = _encode(view, video.single(0).on_one_thread().color_frame(0))
+                self._first[view] = _encode(view, video.first_frame().color())
             return self._first[view]
 
 

@@ -5,9 +5,9 @@ from collections.abc import Generator, Iterable
 from contextlib import closing
 from copy import copy
 from fractions import Fraction
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import av
 import numpy as np
@@ -20,7 +20,7 @@ from vfm_sdm.inputs.video.camera_tags import read_camera_tags
 from vfm_sdm.inputs.video.color import convert_part
 from vfm_sdm.inputs.video.continuity import read_date, read_time_code
 from vfm_sdm.inputs.video.cuts import Cut
-from vfm_sdm.inputs.video.decoder import Start, open_stream, read_pictures
+from vfm_sdm.inputs.video.decoder import Start, first_picture, open_stream, read_pictures
 from vfm_sdm.inputs.video.luma import luma_bits, luma_plane
 from vfm_sdm.inputs.video.marks import read_capture_clock, read_pixel_aspect
 from vfm_sdm.inputs.video.records import DecodeStop, Frame, VideoInfo
@@ -40,6 +40,8 @@ _STRIDE = 7  # a prime: how many frames are decoded after a jump differs from ju
 
 _Probed = tuple[Fraction, Fraction, int, VideoInfo]
 """Unit of the stamps [s], the time that goes by in it [s], the first stamp, and what the container says."""
+_known: dict[tuple[object, ...], _Probed] = {}
+_MOST_KNOWN = 256
 
 
 class ContainerSource:
@@ -60,7 +62,18 @@ class ContainerSource:
 
     def __init__(self, path: Path, *, capture_fps: float | None = None) -> None:
         self._path, self._threads = path, True
-        self._base, self._tick, self._first, self.info = _probe(self._path, capture_fps)
+        (self._base, self._tick, self._first, self.info), self._opening = _probe(self._path, capture_fps)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What was read of the whole file goes with no copy: neither to a part of it nor to another process.
+        state = {**vars(self), "_opening": None}
+        state.pop("_timeline", None)
+        return state
+
+    def opening(self) -> Frame | None:
+        """The first frame as it was decoded when the file was opened; nothing when it was fetched before."""
+        picture, self._opening = self._opening, None
+        return None if picture is None else self._frame(0, 0.0, picture)
 
     def stream(self) -> Generator[Frame]:
         """A fresh pass over the frames, in order, numbered from 0.
@@ -107,10 +120,7 @@ class ContainerSource:
             Number of the first frame, and of frames.
         """
         start = self._find(first) if first else None
-        # What was read of the whole file is not sent along with a part of it.
-        source = copy(self)
-        vars(source).pop("_timeline", None)
-        return [Cut(source, first, start, count)]
+        return [Cut(copy(self), first, start, count)]
 
     def clock(self) -> FloatArray:
         """Times of all frames from the first one, shape (T,) [s]; the file is read once, and not decoded."""
@@ -168,8 +178,6 @@ class ContainerSource:
         """
         first: int | None = None if start is None else self._first
         last = (start.stamp if start is not None else self._first) - 1
-        # np.rot90 turns anticlockwise; it is a view, and so keeps the picture's memory alive.
-        turns = -self.info.rotation_deg // 90
         seconds, ticks = self._tick.as_integer_ratio()
         with closing(read_pictures(self._path, start, threads=self._threads)) as pictures:
             for index, picture in enumerate(pictures, start=number):
@@ -179,13 +187,7 @@ class ContainerSource:
                     raise DecodeStop(RecordingStatus.CORRUPT, f"frame {number} does not decode; copy the file again")
                 first = stamp if first is None else first
                 last = stamp
-                luma = luma_plane(picture)
-                yield Frame(
-                    index,
-                    (stamp - first) * seconds / ticks,
-                    np.rot90(luma, turns) if turns else luma,
-                    partial(convert_part, picture, rotation_deg=self.info.rotation_deg),
-                )
+                yield self._frame(index, (stamp - first) * seconds / ticks, picture)
 
     def jump(self, count: int, frames: int) -> Generator[Frame]:
         """Frames near times spread evenly over the file, in order, numbered by their time.
@@ -203,7 +205,6 @@ class ContainerSource:
         end a different number of frames behind it.
         """
         duration_s = (self.info.duration_s or 0.0) / self.info.time_scale
-        turns = -self.info.rotation_deg // 90
         first, last = None, -1
         with open_stream(self._path) as (container, video):
             start = video.start_time or 0
@@ -224,13 +225,14 @@ class ContainerSource:
                 index = round(((picture.pts or first) - first) * self._tick * Fraction(self.info.fps))
                 if index > last:
                     last = index
-                    luma = luma_plane(picture)
-                    yield Frame(
-                        index,
-                        float(((picture.pts or first) - first) * self._tick),
-                        np.rot90(luma, turns) if turns else luma,
-                        partial(convert_part, picture, rotation_deg=self.info.rotation_deg),
-                    )
+                    yield self._frame(index, float(((picture.pts or first) - first) * self._tick), picture)
+
+    def _frame(self, number: int, time_s: float, picture: av.VideoFrame) -> Frame:
+        luma = luma_plane(picture)
+        # np.rot90 turns anticlockwise; it is a view, and so keeps the picture's memory alive.
+        turns = -self.info.rotation_deg // 90
+        turned = np.rot90(luma, turns) if turns else luma
+        return Frame(number, time_s, turned, partial(convert_part, picture, rotation_deg=self.info.rotation_deg))
 
     def _check_size(self, picture: av.VideoFrame) -> None:
         width, height = _turned_size(picture, self.info.rotation_deg)
@@ -242,28 +244,29 @@ class ContainerSource:
             )
 
 
-def _probe(path: Path, capture_fps: float | None) -> _Probed:
-    """What a file says, asked once for as long as it is as it was."""
+def _probe(path: Path, capture_fps: float | None) -> tuple[_Probed, av.VideoFrame | None]:
+    """What a file says, asked once for as long as it is as it was; and its first picture, where it was asked now."""
     try:
         found = path.stat()
     except (OSError, ValueError):
         return _read_head(path, capture_fps)  # which says what is wrong
-    state = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
-    return _probe_once(path, path.absolute(), state, capture_fps)
+    key = (path, path.absolute(), found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, capture_fps)
+    if key in _known:
+        return _known[key], None
+    probed, picture = _read_head(path, capture_fps)
+    if len(_known) >= _MOST_KNOWN:
+        _known.clear()
+    _known[key] = probed
+    return probed, picture
 
 
-@lru_cache(maxsize=256)
-def _probe_once(path: Path, _place: Path, _state: tuple[int, ...], capture_fps: float | None) -> _Probed:
-    return _read_head(path, capture_fps)
-
-
-def _read_head(path: Path, capture_fps: float | None) -> _Probed:
-    """Unit of the stamps [s], the time that goes by in it [s], the first stamp, and what the container says."""
+def _read_head(path: Path, capture_fps: float | None) -> tuple[_Probed, av.VideoFrame]:
+    """What a container and its first picture say, and that picture."""
     picture: av.VideoFrame | None = None
     why = "the stream is empty; record it again"
-    with open_stream(path) as (container, video), closing(read_pictures(path, threads=False)) as pictures:
+    with open_stream(path, threads=False) as (container, video):
         try:
-            picture = next(pictures, None)
+            picture = first_picture(container, video, path)
         except DecodeStop as damage:
             why = damage.detail
         if picture is None:
@@ -276,7 +279,7 @@ def _read_head(path: Path, capture_fps: float | None) -> _Probed:
         clock = read_capture_clock(rate, said_of_it, capture_fps=capture_fps, time_base=base)
         aspect, said = read_pixel_aspect(video.sample_aspect_ratio, rotation_deg)
         duration_s = _duration_s(container, video)
-        return (
+        probed = (
             base,
             base * clock.scale,
             picture.pts or 0,
@@ -301,6 +304,7 @@ def _read_head(path: Path, capture_fps: float | None) -> _Probed:
                 date=read_date(said_of_it),
             ),
         )
+    return probed, picture
 
 
 def _rising_stamp(picture: av.VideoFrame, last: int | None, base: Fraction) -> int:

@@ -2,7 +2,7 @@
 
 import heapq
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from vfm_sdm.errors import VideoError
 from vfm_sdm.inputs.video.integrity import missing_bytes
 from vfm_sdm.inputs.video.records import DecodeStop
 
-__all__ = ["Start", "choose_stream", "drain", "open_stream", "read_pictures", "seek_key"]
+__all__ = ["Start", "choose_stream", "drain", "first_picture", "open_stream", "read_pictures", "seek_key"]
 
 # Without "explode" the decoders paint over damaged areas with their neighbours and say nothing.
 # "crccheck" compares the checksums of HEVC pictures where the encoder wrote them.
@@ -226,6 +226,23 @@ def read_pictures(path: Path, start: Start | None = None, *, threads: bool = Tru
             raise damage from None
         yield from again.pictures()
     raise damage
+
+
+def first_picture(container: av.container.InputContainer, video: av.VideoStream, path: Path) -> av.VideoFrame | None:
+    """The first decoded picture of a file; ``None`` where there is none.
+
+    Parameters
+    ----------
+    container, video, path
+        Of `open_stream`, without threads, and the file.
+
+    Raises
+    ------
+    DecodeStop
+        The file ends before it, or data are damaged.
+    """
+    with closing(_Pass(container, video, path).pictures()) as pictures:
+        return next(pictures, None)
 
 
 class _Pass:

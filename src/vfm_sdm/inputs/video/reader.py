@@ -274,14 +274,19 @@ class Video:
         raise VideoError(f"{self.info.source}: expected a frame {index}, got {count} frames{why}; {advice}")
 
     def first_frame(self) -> Frame:
-        """The first frame; `report` stays as it is.
+        """The first frame, which was decoded to open the view; `report` stays as it is.
 
         Raises
         ------
         VideoError
             The file is gone or cannot be read any more.
+
+        Notes
+        -----
+        It is kept until it is asked for the first time, and decoded anew after that.
         """
-        return self.frame(0)
+        opening = getattr(self._source, "opening", lambda: None)()
+        return self.single(0).on_one_thread().frame(0) if opening is None else opening
 
     def color_frame(self, index: int = 0) -> RgbArray:
         """A frame in colour; `report` stays as it is.
@@ -372,6 +377,10 @@ def open_video(
             "file's own time stamps are right"
         )
     sources = [ContainerSource(Path(one), capture_fps=capture_fps) for one in path]
+    if len(sources) == 1 and use_s is None:
+        return Video(sources[0])
+    for one in sources:
+        one.opening()  # else many chapters would keep many pictures
     return _use(sources[0] if len(sources) == 1 else JoinedSource(sources), use_s)
 
 

@@ -388,6 +388,7 @@ def test_a_file_that_goes_away(tmp_path):
     with pytest.raises(VideoError, match="got nothing of that name"):
         list(video.frames())
     assert video.report.status == "corrupt"
+    assert video.first_frame().index == 0  # which was decoded to open it
     with pytest.raises(VideoError, match="got nothing of that name"):
         video.first_frame()
 

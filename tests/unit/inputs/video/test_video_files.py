@@ -1,6 +1,8 @@
 """Video files: luma, time stamps, rotation, and what the report says about duplicated and dropped frames."""
 
 import gc
+import pickle
+import shutil
 import weakref
 from fractions import Fraction
 
@@ -241,3 +243,27 @@ def test_front_index_makes_no_difference(tmp_path):
     lumas = scene(4)
     video = open_video(write_clip(tmp_path / "clip.mp4", lumas, container_options=FRONT))
     np.testing.assert_array_equal(np.stack([frame.luma for frame in video.frames()]), lumas)
+
+
+@pytest.mark.parametrize("rotation", [None, 90])
+def test_what_opens_a_file_is_its_first_frame(tmp_path, monkeypatch, rotation):
+    path = write_clip(tmp_path / "clip.mp4", scene(8), options=REAL["libx264"], rotation=rotation)
+    true = open_video(path).frame(0)
+    path = shutil.copy(path, tmp_path / "another.mp4")  # which nobody has opened yet
+    video, sent = open_video(path), pickle.loads(pickle.dumps(open_video(path)))
+    monkeypatch.setattr("vfm_sdm.inputs.video.container.read_pictures", None)
+    found = video.first_frame()
+    assert (found.index, found.time_s) == (0, 0.0)
+    np.testing.assert_array_equal(found.luma, true.luma)
+    np.testing.assert_array_equal(found.color(), true.color())
+    monkeypatch.undo()
+    for one in (video, sent):  # decoded anew
+        np.testing.assert_array_equal(one.first_frame().luma, true.luma)
+
+
+def test_chapters_and_intervals_keep_no_pictures(tmp_path):
+    paths = [write_clip(tmp_path / f"{name}.mp4", scene(8, seed=name)) for name in (1, 2)]
+    for video in (open_video(*paths), open_video(paths[0], use_s=(0.1, None))):
+        first = video.first_frame()
+        np.testing.assert_array_equal(first.luma, next(iter(video.frames())).luma)
+    assert open_video(paths[0], use_s=(0.08, None)).first_frame().time_s == 0.0
