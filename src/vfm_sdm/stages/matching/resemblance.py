@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.arrays import FloatArray, IntArray, LumaArray
 from vfm_sdm.stages.registration.peaks import DISTINCT_PX
 
 __all__ = [
@@ -42,6 +42,8 @@ _WIDEST_PX = 30.0
 """Standard deviation of a peak along which nothing changes: as far as a subset reaches."""
 _PEAKS = 8
 _NOWHERE = -1e9
+_PEAK_PX = 2
+"""A peak is no lower than anything this near [steps of the map]."""
 
 
 def score(correlation: FloatArray | float, cells: float = _INDEPENDENT_PIXELS) -> FloatArray:
@@ -208,11 +210,21 @@ def map_resemblance(
     moving = np.column_stack([affine, middle - affine @ [reach_u + half, reach_v + half]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     area = cv2.warpAffine(second, moving, shape, flags=flags)
-    inside = cv2.warpAffine(np.ones(second.shape, np.float32), moving, shape, flags=flags)
     found = cv2.matchTemplate(area, np.ascontiguousarray(subset), cv2.TM_CCOEFF_NORMED).astype(np.float64)
-    whole = cv2.boxFilter(inside, -1, (size, size))[half : half + found.shape[0], half : half + found.shape[1]] > 0.999
-    found[~whole | ~np.isfinite(found) | (np.abs(found) > 1.0001)] = -1.0
+    no_number = ~(np.abs(found) <= 1.0001)
+    if not _lies_inside(moving, shape, second.shape):
+        inside = cv2.warpAffine(np.ones(second.shape, np.float32), moving, shape, flags=flags)
+        whole = cv2.boxFilter(inside, -1, (size, size))[half : half + found.shape[0], half : half + found.shape[1]]
+        no_number |= ~(whole > 0.999)
+    found[no_number] = -1.0
     return ResemblanceMap(found, mean - affine @ [reach_u, reach_v], affine, size, count_cells(subset))
+
+
+def _lies_inside(moving: FloatArray, shape: tuple[int, int], image: tuple[int, ...]) -> bool:
+    """Whether an area of this width and height, moved onto an image of this height and width, lies wholly in it."""
+    last = np.subtract(shape, 1)
+    corners = np.array([[u, v, 1.0] for u in (0.0, last[0]) for v in (0.0, last[1])]) @ moving.T
+    return bool((corners >= 0).all() and (corners <= [image[1] - 1, image[0] - 1]).all())
 
 
 def soften(image: LumaArray) -> SoftArray:
@@ -240,16 +252,28 @@ def best_candidates(
         like = np.nonzero(one.correlation >= max(LEAST_CORRELATION, one.least_correlation(covariance)))
         apart = np.column_stack(like[::-1]) @ one.affine.T + one.origin - mean
         distance = np.einsum("ni,ij,nj->n", apart, inverse, apart)
-        value = np.full(one.correlation.shape, _NOWHERE)
-        value[like] = np.where(distance <= gate, score(one.correlation[like]) - distance / 2, _NOWHERE)
-        rows, columns = np.nonzero((value > _NOWHERE) & (value >= cv2.dilate(value, np.ones((5, 5), np.uint8))))
-        for place in np.argsort(-value[rows, columns], kind="stable")[:_PEAKS]:
-            found.append(_candidate(one, rows[place], columns[place], float(value[rows[place], columns[place]])))
+        near = distance <= gate
+        rows, columns = like[0][near], like[1][near]
+        values = score(one.correlation[rows, columns]) - distance[near] / 2
+        peaks = _are_peaks(one.correlation.shape, rows, columns, values)
+        for place in peaks[np.argsort(-values[peaks], kind="stable")[:_PEAKS]]:
+            found.append(_candidate(one, rows[place], columns[place], float(values[place])))
     kept: list[Candidate] = []
     for candidate in sorted(found, key=lambda c: -c.value):
         if all(np.linalg.norm(candidate.position - other.position) > DISTINCT_PX for other in kept):
             kept.append(candidate)
     return kept[:_PEAKS]
+
+
+def _are_peaks(shape: tuple[int, int], rows: IntArray, columns: IntArray, values: FloatArray) -> IntArray:
+    """Which of some places of a map, all others of which are nowhere, are no lower than any within two pixels."""
+    field = np.full((shape[0] + 2 * _PEAK_PX, shape[1] + 2 * _PEAK_PX), _NOWHERE)
+    field[rows + _PEAK_PX, columns + _PEAK_PX] = values
+    highest = values > _NOWHERE
+    for down in range(2 * _PEAK_PX + 1):
+        for right in range(2 * _PEAK_PX + 1):
+            highest &= values >= field[rows + down, columns + right]
+    return np.flatnonzero(highest)
 
 
 def lowest_between(maps: list[ResemblanceMap], one: Candidate, other: Candidate) -> float:
