@@ -130,7 +130,7 @@ class Results:
         rows = []
         for point, found in self.summary["points"].items():
             for axis, values in found["axes"].items():
-                parts = {name: _number(value) for name, value in values.get("budget_mm", {}).items()}
+                parts = {name: _number(value) for name, value in (values.get("budget_mm") or {}).items()}
                 rows.append(
                     {
                         "id": f"{point}/{axis}",

@@ -39,6 +39,8 @@ class _Points:
             "zooms, dragging the picture moves it. The square is what is compared; its colour says what it is worth."
         )
         self.pictures = ui.row().classes("w-full no-wrap items-start")
+        for event, handler in (("vs_click", self.clicked), ("vs_drag", self.dragged), ("vs_pick", self.picked)):
+            self.pictures.on(event, tell_errors(handler), ["detail"])
         with ui.row().classes("items-center"):
             ui.button("Suggest points", icon="auto_fix_high", on_click=tell_errors(self.suggest)).props("outline")
             self.wanted = ui.number("points", value=6, min=1, max=200, format="%d").props("dense").classes("w-20")
@@ -51,9 +53,6 @@ class _Points:
             self.busy.visible = False
             self.says = ui.label("")
         self.table = PointTable(self.findings, TableEvents(self.rename, self.fix, self.remove))
-        ui.on("vs_click", tell_errors(self.clicked))
-        ui.on("vs_drag", tell_errors(self.dragged))
-        ui.on("vs_pick", tell_errors(self.picked))
         ui.timer(0, tell_errors(self.open), once=True)
 
     async def open(self) -> None:
@@ -75,6 +74,8 @@ class _Points:
             ui.label(view).classes("text-bold")
             frame = ui.element("div").classes("vs-frame w-full")
             frame.props["data-view"], frame.props["data-width"], frame.props["data-height"] = view, width, height
+            # Of the picture's shape: what is below the cursor stays there while it grows.
+            frame.style(f"aspect-ratio: {width} / {height}")
             with frame, ui.element("div").classes("vs-sheet"):
                 ui.html(f'<img src="{picture_address(view)}" alt="first frame" draggable="false">', sanitize=False)
                 self.overlays[view] = ui.html("", sanitize=False)
@@ -84,7 +85,8 @@ class _Points:
 
     async def clicked(self, event: Any) -> None:
         """Adds a point, says where the chosen one is in this view, or adds a corner of an area."""
-        view, u, v = event.args["view"], float(event.args["u"]), float(event.args["v"])
+        at = event.args["detail"]
+        view, u, v = at["view"], float(at["u"]), float(at["v"])
         if self.mode.value == "area":
             kept = self.area[1] if self.area[0] == view else []
             self.area = view, [*kept, (u, v)]
@@ -120,18 +122,19 @@ class _Points:
 
     async def dragged(self, event: Any) -> None:
         """Moves a point in a view."""
-        view, name = event.args["view"], event.args["point"]
+        by = event.args["detail"]
+        view, name = by["view"], by["point"]
         at = self.findings.places(self.rows, view).get(name)
         if at is None:
             return
-        self.page.draft.move_point(name, view, (at[0] + float(event.args["u"]), at[1] + float(event.args["v"])))
+        self.page.draft.move_point(name, view, (at[0] + float(by["u"]), at[1] + float(by["v"])))
         self.chosen = name
         self.refresh()
         await self.look_for(name)
 
     async def picked(self, event: Any) -> None:
         """Chooses a point."""
-        self.chosen = event.args["point"]
+        self.chosen = event.args["detail"]["point"]
         self.refresh()
 
     async def look_for_all(self) -> None:
