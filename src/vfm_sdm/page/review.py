@@ -13,11 +13,12 @@ from vfm_sdm.core.netcdf import open_displacement, open_tracks
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.inputs.session import Session, read_session, session_hash
 from vfm_sdm.outputs.plots.drawing import reduce_band, reduce_line
+from vfm_sdm.outputs.report.site_plan import lay_flat
 from vfm_sdm.outputs.results import read_summary
 from vfm_sdm.signals.spectrum import amplitude_spectrum
 from vfm_sdm.stages.cameras.solution import read_solution
 
-__all__ = ["History", "Results"]
+__all__ = ["History", "Results", "stand_before"]
 
 _FILM_FRAMES = 600
 _SCENE_FRAMES = 400
@@ -179,6 +180,7 @@ class Results:
             "cameras": [] if rig is None else [(rotation @ one.center).tolist() for one in rig.cameras],
             "looks": [] if rig is None else [(rotation @ one.rotation[2]).tolist() for one in rig.cameras],
             "names": [] if rig is None else list(rig.names),
+            "axes": tuple(self.axes),
             "points": self.points,
             "places": places,
             "motion": np.nan_to_num(motion),
@@ -192,6 +194,17 @@ class Results:
     def _valid(series: xr.Dataset, shown: slice) -> FloatArray:
         ok = series["status"].values[shown] == Status.OK
         return np.where(ok, series["displacement"].values[shown], np.nan)
+
+
+def stand_before(axes: tuple[str, ...]) -> FloatArray:
+    """Directions to the right, away and up of who stands before the structure, rows of shape (3, 3) along the axes.
+
+    Parameters
+    ----------
+    axes
+        Names of the axes.
+    """
+    return np.array([*lay_flat(axes, "plan"), lay_flat(axes, "elevation")[1]])
 
 
 def _first(places: FloatArray) -> FloatArray:

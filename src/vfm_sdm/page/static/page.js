@@ -121,6 +121,7 @@
 
   // A film with its tracks: one picture after the other, as fast as they come.
   const films = {};
+  const frame = (film) => film.url.replace("{}", film.tracks.numbers[film.at]);
   const draw = (film, at) => {
     const canvas = film.box.querySelector("canvas"), image = film.box.querySelector("img"), tracks = film.tracks;
     [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
@@ -150,15 +151,15 @@
       draw(film, film.at);
       if (film.plays && document.body.contains(box)) {
         film.at = (film.at + 1) % tracks.numbers.length;
-        setTimeout(() => (image.src = `${url}/${tracks.numbers[film.at]}`), 20);
+        setTimeout(() => (image.src = frame(film)), 20);
       }
     };
-    image.src = `${url}/${tracks.numbers[0]}`;
+    image.src = frame(film);
   };
   window.vsPlay = (id, plays) => {
     const film = films[id];
     film.plays = plays;
-    film.box.querySelector("img").src = `${film.url}/${film.tracks.numbers[film.at]}?${Date.now()}`;
+    film.box.querySelector("img").src = `${frame(film)}&again=${Date.now()}`;
   };
   window.vsTimes = (id, times) => { films[id].times = times; draw(films[id], films[id].at); };
 })();

@@ -9,7 +9,8 @@ from matplotlib.path import Path
 from nicegui import ui
 
 from vfm_sdm.errors import SessionError
-from vfm_sdm.page.findings import Findings
+from vfm_sdm.outputs.results import Worth
+from vfm_sdm.page.findings import LIGHTS, Findings
 from vfm_sdm.page.sight import Sight
 from vfm_sdm.page.state import PageState
 from vfm_sdm.page.steps.common import as_point, in_thread, picture_address, tell_errors
@@ -19,6 +20,12 @@ from vfm_sdm.studies.planning.suggestion import suggest_points
 __all__ = ["fill_polygon", "show_points"]
 
 _MODES = {"new": "new point", "place": "place the chosen point", "area": "area"}
+_LEGEND = {
+    Worth.GOOD: "measured in both directions, as well as the px say",
+    Worth.PART: "by a part of its square, or beside a pattern that repeats",
+    Worth.EDGE: "across an edge only",
+    Worth.REFUSED: "refused",
+}
 _MOST_POINTS = 400
 _LENS_PX = 168
 
@@ -38,6 +45,11 @@ class _Points:
             "Click a point in any view; **drag** it to correct it, also where it was found in the other view. Wheel "
             "zooms, dragging the picture moves it. The square is what is compared; its colour says what it is worth."
         )
+        with ui.row().classes("gap-x-6 gap-y-0 text-caption"):
+            for worth, words in _LEGEND.items():
+                with ui.row().classes("items-center no-wrap gap-0"):
+                    ui.element("span").classes("vs-light").style(f"background:{LIGHTS[worth]}")
+                    ui.label(words)
         self.pictures = ui.row().classes("w-full no-wrap items-start")
         for event, handler in (("vs_click", self.clicked), ("vs_drag", self.dragged), ("vs_pick", self.picked)):
             self.pictures.on(event, tell_errors(handler), ["detail"])
@@ -77,7 +89,10 @@ class _Points:
             # Of the picture's shape: what is below the cursor stays there while it grows.
             frame.style(f"aspect-ratio: {width} / {height}")
             with frame, ui.element("div").classes("vs-sheet"):
-                ui.html(f'<img src="{picture_address(view)}" alt="first frame" draggable="false">', sanitize=False)
+                ui.html(
+                    f'<img src="{picture_address(self.page, view)}" alt="first frame" draggable="false">',
+                    sanitize=False,
+                )
                 self.overlays[view] = ui.html("", sanitize=False)
             lens = ui.element("canvas").classes("vs-lens")
             lens.props["width"] = lens.props["height"] = _LENS_PX
@@ -114,8 +129,9 @@ class _Points:
         grid = fill_polygon(corners, float(self.spacing.value or 80))
         if not 0 < len(grid) <= _MOST_POINTS:
             raise SessionError(f"area: expected 1 to {_MOST_POINTS} points, got {len(grid)}; change the spacing")
-        for pixel in grid:
-            self.page.draft.add_point(view, pixel)
+        with self.page.draft.at_once():
+            for pixel in grid:
+                self.page.draft.add_point(view, pixel)
         self.mode.set_value("new")
         self.refresh()
         await self.look_for_all()
@@ -177,9 +193,10 @@ class _Points:
             self.busy.visible = False
             self.says.set_text("")
         known = {one["name"] for one in self.rows}
-        for one in suggestion.session.point:
-            if one.name not in known:
-                self.page.draft.add_point(one.view, one.pixel, name=one.name, static=one.static)
+        with self.page.draft.at_once():
+            for one in suggestion.session.point:
+                if one.name not in known:
+                    self.page.draft.add_point(one.view, one.pixel, name=one.name, static=one.static)
         self.refresh()
         await self.look_for_all()
 

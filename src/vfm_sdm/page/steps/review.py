@@ -10,9 +10,9 @@ from nicegui import ui
 
 from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.outputs.report import write_report
-from vfm_sdm.page.review import Results
+from vfm_sdm.page.review import Results, stand_before
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors
+from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors, while_busy
 
 __all__ = ["show_review"]
 
@@ -77,7 +77,8 @@ class _Review:
                 ui.notify(f"written: {path}", type="positive")
                 link.set_visibility(True)
 
-            ui.button("Write report", icon="description", on_click=tell_errors(report))
+            write = ui.button("Write report", icon="description")
+            write.on_click(while_busy(write, report))
             link = ui.link("open the report", "/report", new_tab=True)
             link.set_visibility((self._page.project.run / "report.html").exists())
         for note in self._results.doubts(self._page.draft.session()[0]):
@@ -159,10 +160,10 @@ class _Review:
                 "text": f"{self._axis} displacement; band: expanded uncertainty, k = 2",
                 "textStyle": {"fontSize": 13},
             },
-            "legend": {"top": 24, "data": list(self._shown)},
-            "grid": {"left": 64, "right": 24, "top": 60, "bottom": 70},
+            "legend": {"top": 30, "data": list(self._shown)},
+            "grid": {"left": 64, "right": 24, "top": 66, "bottom": 70},
             "tooltip": {"trigger": "axis", "axisPointer": {"type": "cross"}},
-            "xAxis": {"type": "value", "name": "s", "min": begin_s, "max": end_s},
+            "xAxis": {"type": "value", "name": "s", "min": begin_s, "max": end_s, "axisLabel": {"showMaxLabel": False}},
             "yAxis": {"type": "value", "name": "mm", "scale": True},
             "dataZoom": [{"type": kind, "startValue": low_s, "endValue": high_s} for kind in ("inside", "slider")],
             "series": series,
@@ -205,7 +206,7 @@ class _Review:
 
     def _film(self, view: str, box_id: str) -> None:
         """A view that plays with its points, and vectors of their motion."""
-        address = picture_address(view, None)
+        address = picture_address(self._page, view, None)
         with ui.column().classes("w-full gap-1"):
             with ui.row().classes("items-center"):
                 ui.label(view).classes("text-bold")
@@ -213,7 +214,7 @@ class _Review:
                 stop = ui.button(icon="pause").props("dense flat")
                 play.props["aria-label"], stop.props["aria-label"] = f"play {view}", f"pause {view}"
                 times = ui.number("motion times", value=20, min=1, max=1000).props("dense").classes("w-28")
-            still = f'<img src="{picture_address(view)}" alt="film"><canvas></canvas>'
+            still = f'<img src="{picture_address(self._page, view)}" alt="film"><canvas></canvas>'
             ui.html(still, sanitize=False).classes("vs-film w-full").props(f'id="{box_id}"')
 
             async def begin() -> None:
@@ -228,8 +229,8 @@ class _Review:
     def _scene(self) -> None:
         """Cameras, points and their magnified motion along the structure's axes."""
         found = self._results.scene()
-        # Shown as one stands before it: longitudinal to the right, vertical up, lateral away.
-        turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        # Shown as one stands before it: to the right, away, up.
+        turn = stand_before(found["axes"])
         places = np.nan_to_num(found["places"]) @ turn.T
         middle = places.mean(axis=0)
         reach = float(np.abs(places - middle).max(initial=1.0))
@@ -247,7 +248,7 @@ class _Review:
             for axis, colour in ((0, "#c62828"), (1, "#2e7d32"), (2, "#1565c0")):
                 end = middle + 0.4 * reach * turn[:, axis]
                 scene.line(middle.tolist(), end.tolist()).material(colour)
-                scene.text(f"+ {('lateral', 'vertical', 'longitudinal')[axis]}").move(*end.tolist())
+                scene.text(f"+ {found['axes'][axis]}").move(*end.tolist())
             scene.move_camera(*(middle + reach * _FROM).tolist(), *middle.tolist())
         frame = {"at": 0}
         motion = found["motion"] / 1e3 * _SCENE_MAGNIFICATION @ turn.T
