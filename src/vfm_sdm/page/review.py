@@ -12,6 +12,7 @@ from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.netcdf import open_displacement, open_tracks
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.inputs.session import Session, read_session, session_hash
+from vfm_sdm.outputs.plots.about import positive_direction
 from vfm_sdm.outputs.plots.drawing import reduce_band, reduce_line
 from vfm_sdm.outputs.report.site_plan import lay_flat
 from vfm_sdm.outputs.results import read_summary
@@ -91,6 +92,17 @@ class Results:
     def axes(self) -> list[str]:
         """Names of the axes."""
         return [str(name) for name in self.displacement["axis"].values]
+
+    def positive(self, axis: str) -> str:
+        """In which direction displacement along an axis is positive, in brackets; empty where nobody says.
+
+        Parameters
+        ----------
+        axis
+            Its name.
+        """
+        words = positive_direction(str(self.displacement.attrs.get("frame", "")), axis)
+        return f" (positive: {words})" if words else ""
 
     @property
     def span_s(self) -> tuple[float, float]:

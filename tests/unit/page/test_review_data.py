@@ -68,6 +68,11 @@ def test_a_run_that_measured_nothing_is_shown(run, tmp_path):
     assert {row["expanded"] for row in rows} == {None}
 
 
+def test_what_is_positive_is_said(results):
+    assert results.positive("vertical") == " (positive: down)"
+    assert results.positive("sideways") == ""
+
+
 def test_the_scene_is_no_mirror_image():
     """Right, away and up are right-handed, for axes of a structure and of a camera."""
     for axes in (STRUCTURE_AXES, CAMERA_AXES):

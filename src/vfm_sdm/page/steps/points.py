@@ -173,7 +173,13 @@ class _Points:
                 if one.pixel is not None:
                     await self._judge(self.sight, view, one.pixel)
         finally:
+            self._rest()
+
+    def _rest(self) -> None:
+        """Nothing is looked for any more; the step may have been left meanwhile."""
+        if not self.busy.is_deleted:
             self.busy.visible = False
+            self.says.set_text("")
 
     async def _judge(self, sight: Sight, view: str, pixel: tuple[float, float]) -> None:
         if self.findings.subset(view, pixel) is None:
@@ -190,8 +196,7 @@ class _Points:
         try:
             suggestion = await in_thread(partial(suggest_points, found, count=int(self.wanted.value or 6)))
         finally:
-            self.busy.visible = False
-            self.says.set_text("")
+            self._rest()
         known = {one["name"] for one in self.rows}
         with self.page.draft.at_once():
             for one in suggestion.session.point:

@@ -90,7 +90,9 @@ class _Review:
         self._spectrum = ui.echart(self._spectrum_options()).classes("w-full h-64")
         with ui.expansion("Audit: what was checked, and what to do", value=True).classes("w-full"):
             self._audit(audit.get("checks", []))
-        with ui.expansion("Budget: where the uncertainty comes from (k = 1, mm)").classes("w-full"):
+        with ui.expansion("Budget: where the uncertainty comes from (mm; expanded: k = 2, its parts: k = 1)").classes(
+            "w-full"
+        ):
             self._budget()
         with ui.expansion("Tracks over the film").classes("w-full"):
             for number, view in enumerate(self._results.session.view):
@@ -156,10 +158,7 @@ class _Review:
             series.append({**line, "lineStyle": {"color": colour, "width": 1.2}, "itemStyle": {"color": colour}})
         return {
             "animation": False,
-            "title": {
-                "text": f"{self._axis} displacement; band: expanded uncertainty, k = 2",
-                "textStyle": {"fontSize": 13},
-            },
+            "title": _title(f"{self._axis} displacement{self._results.positive(self._axis)}; band: k = 2"),
             "legend": {"top": 30, "data": list(self._shown)},
             "grid": {"left": 64, "right": 24, "top": 66, "bottom": 70},
             "tooltip": {"trigger": "axis", "axisPointer": {"type": "cross"}},
