@@ -21,6 +21,8 @@ _MOST_AT_ONCE = 8
 _VERDICTS = {"fit to use": "positive", "use with care": "warning", "do not use": "negative"}
 _SCENE_MAGNIFICATION = 100
 _ZOOMED = "(event) => { const one = (event.batch ?? [event])[0]; emit(one.start, one.end); }"
+_SHORT = {":formatter": "(value) => String(Math.round(1000 * value) / 1000)"}
+"""Labels of an axis: where a recording begins and ends is no round number."""
 _REST_S = 0.3
 """How long the wheel rests before what is zoomed into is drawn anew [s]."""
 _ABOVE, _FROM = np.array([0.0, 0.0, 0.1]), np.array([0.0, -1.6, 0.6])
@@ -162,7 +164,7 @@ class _Review:
             "legend": {"top": 30, "data": list(self._shown)},
             "grid": {"left": 64, "right": 24, "top": 66, "bottom": 70},
             "tooltip": {"trigger": "axis", "axisPointer": {"type": "cross"}},
-            "xAxis": {"type": "value", "name": "s", "min": begin_s, "max": end_s, "axisLabel": {"showMaxLabel": False}},
+            "xAxis": {"type": "value", "name": "s", "min": begin_s, "max": end_s, "axisLabel": _SHORT},
             "yAxis": {"type": "value", "name": "mm", "scale": True},
             "dataZoom": [{"type": kind, "startValue": low_s, "endValue": high_s} for kind in ("inside", "slider")],
             "series": series,
@@ -177,7 +179,7 @@ class _Review:
         return {
             "animation": False,
             "title": _title(f"{self._axis} amplitude"),
-            "grid": {"left": 64, "right": 16, "top": 36, "bottom": 60},
+            "grid": {"left": 64, "right": 24, "top": 36, "bottom": 70},
             "tooltip": {"trigger": "axis", "axisPointer": {"type": "cross"}},
             "xAxis": {"type": "value", "name": "Hz", "min": 0},
             "yAxis": {"type": "value", "name": "mm"},
