@@ -164,6 +164,48 @@ def _until(found, what: str, seconds: float = 120.0) -> None:
 
 
 @needs_browser
+def test_pictures_are_those_of_the_session_and_hear_one_click(folder):
+    """However often a step was opened; what is below the cursor stays there while the picture grows."""
+    session = folder / "session.toml"
+    draft = Draft(session)
+    draft.set_rows("view", [{"name": "left", "video": "left.mp4"}, {"name": "right", "video": "right.mp4"}])
+    shown = "[...document.querySelectorAll('.vs-frame img')].every((one) => one.naturalWidth)"
+    with Page(folder) as served, playwright.sync_playwright() as tool:
+        browser = tool.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1400, "height": 1000})
+        person = Person(page, folder)
+        page.goto(served.url)
+        first = page.locator("img").first
+        first.wait_for()
+        before = first.get_attribute("src")
+        draft.set_rows("view", [{"name": "left", "video": "right.mp4"}, {"name": "right", "video": "left.mp4"}])
+        for step, sign in (("2 Points", ".vs-frame"), ("1 Films", ".q-slider")) * 2:
+            person.open(step)
+            page.locator(sign).nth(1).wait_for()
+        assert page.locator("img").first.get_attribute("src") != before
+        person.open("2 Points")
+        page.locator(".vs-frame").nth(1).locator("img").wait_for()
+        page.wait_for_function(shown)
+
+        low = (0.8 * SIZE[0], 0.9 * SIZE[1])
+        page.mouse.move(*person.place(0, low))
+        for _ in range(4):
+            there = person.place(0, low)
+            page.mouse.wheel(0, -240)
+            page.wait_for_timeout(200)
+            assert np.allclose(person.place(0, low), there, atol=3)
+
+        page.mouse.click(*person.place(0, low))
+        page.get_by_label("name of point 1", exact=True).wait_for()
+        page.wait_for_timeout(1000)
+        assert len(draft.fields["point"]) == 1
+        page.get_by_role("button", name="Undo").click()
+        page.get_by_text("No point yet.").wait_for()
+        browser.close()
+    assert "point" not in draft.fields
+
+
+@needs_browser
 @pytest.mark.slow
 def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
     """Clicks, drags, types, measures and reads; the session's file gives the same displacement without the page."""
@@ -185,7 +227,8 @@ def test_from_films_to_a_report_by_hand(folder, field_test, tmp_path_factory):
         page.get_by_text("frame 0").nth(1).wait_for()
         person.keep("1-films")
 
-        person.open("2 Points")
+        for step in ("2 Points", "1 Films", "2 Points"):
+            person.open(step)
         page.locator(".vs-frame").nth(1).locator("img").wait_for()
         page.wait_for_function("[...document.querySelectorAll('.vs-frame img')].every((one) => one.naturalWidth)")
         for point in known.point:

@@ -27,7 +27,8 @@ class Draft:
 
     Notes
     -----
-    Nothing is held here: the file is all there is, so that an editor or the command line may change it at any time.
+    The file is all there is, so that an editor or the command line may change it at any time. What is held is how it
+    was before each change made here, to take that back.
 
     Examples
     --------
@@ -42,6 +43,8 @@ class Draft:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._before: list[tuple[str, str]] = []
+        self._open: tomlkit.TOMLDocument | None = None
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -62,7 +65,8 @@ class Draft:
         SessionError
             The file is not TOML.
         """
-        self._read()
+        if not self._read().get("view"):
+            return None, ["films: expected two, got none; choose them in step 1"]
         try:
             return read_session(self.path, points_needed=False), []
         except SessionError as error:
@@ -232,6 +236,32 @@ class Draft:
             for table in ("length", "rectangle"):
                 _keep_rows(site, table, lambda one: name not in one.get("points", ()))
 
+    def undo(self) -> None:
+        """Takes the last change back that was made here.
+
+        Raises
+        ------
+        SessionError
+            There is none, or the file was changed by others since, or cannot be used.
+        """
+        if not self._before:
+            raise SessionError("undo: expected a change made on this page, got none; correct it in its field")
+        before, after = self._before[-1]
+        if tomlkit.dumps(self._read()) != after:
+            raise SessionError("undo: expected the file as the page left it, got another one; correct it in an editor")
+        write_file(self.path, before)
+        self._before.pop()
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Writes several changes as one, which is taken back as one."""
+        with self._changed() as document:
+            self._open = document
+            try:
+                yield
+            finally:
+                self._open = None
+
     @staticmethod
     def _row(rows: Any, name: str) -> Any:
         for one in rows:
@@ -240,6 +270,8 @@ class Draft:
         raise SessionError(f"expected a table named {name!r}, got {[one.get('name') for one in rows]}; reload the page")
 
     def _read(self) -> tomlkit.TOMLDocument:
+        if self._open is not None:
+            return self._open
         try:
             return tomlkit.parse(self.path.read_bytes().decode("utf-8-sig"))
         except FileNotFoundError:
@@ -252,12 +284,16 @@ class Draft:
     @contextmanager
     def _changed(self) -> Iterator[tomlkit.TOMLDocument]:
         document = self._read()
+        if document is self._open:
+            yield document
+            return
         before = tomlkit.dumps(document)
         yield document
         after = tomlkit.dumps(document)
         if after != before or not self.path.exists():
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_file(self.path, after)
+            self._before.append((before, after))
 
 
 def _as_item(value: object, *, inline: bool = True) -> Any:
@@ -267,6 +303,12 @@ def _as_item(value: object, *, inline: bool = True) -> Any:
     table = tomlkit.inline_table() if inline else tomlkit.table()
     for key, one in value.items():
         table[key] = _as_item(one)
+    return table if inline else _apart(table)
+
+
+def _apart(table: Any) -> Any:
+    """A table with an empty line before it."""
+    table.trivia.indent = "\n"
     return table
 
 

@@ -12,12 +12,14 @@ from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.netcdf import open_displacement, open_tracks
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.inputs.session import Session, read_session, session_hash
+from vfm_sdm.outputs.plots.about import positive_direction
 from vfm_sdm.outputs.plots.drawing import reduce_band, reduce_line
+from vfm_sdm.outputs.report.site_plan import lay_flat
 from vfm_sdm.outputs.results import read_summary
 from vfm_sdm.signals.spectrum import amplitude_spectrum
 from vfm_sdm.stages.cameras.solution import read_solution
 
-__all__ = ["History", "Results"]
+__all__ = ["History", "Results", "stand_before"]
 
 _FILM_FRAMES = 600
 _SCENE_FRAMES = 400
@@ -91,6 +93,17 @@ class Results:
         """Names of the axes."""
         return [str(name) for name in self.displacement["axis"].values]
 
+    def positive(self, axis: str) -> str:
+        """In which direction displacement along an axis is positive, in brackets; empty where nobody says.
+
+        Parameters
+        ----------
+        axis
+            Its name.
+        """
+        words = positive_direction(str(self.displacement.attrs.get("frame", "")), axis)
+        return f" (positive: {words})" if words else ""
+
     @property
     def span_s(self) -> tuple[float, float]:
         """When the recording begins and ends [s]."""
@@ -130,7 +143,7 @@ class Results:
         rows = []
         for point, found in self.summary["points"].items():
             for axis, values in found["axes"].items():
-                parts = {name: _number(value) for name, value in values.get("budget_mm", {}).items()}
+                parts = {name: _number(value) for name, value in (values.get("budget_mm") or {}).items()}
                 rows.append(
                     {
                         "id": f"{point}/{axis}",
@@ -179,6 +192,7 @@ class Results:
             "cameras": [] if rig is None else [(rotation @ one.center).tolist() for one in rig.cameras],
             "looks": [] if rig is None else [(rotation @ one.rotation[2]).tolist() for one in rig.cameras],
             "names": [] if rig is None else list(rig.names),
+            "axes": tuple(self.axes),
             "points": self.points,
             "places": places,
             "motion": np.nan_to_num(motion),
@@ -192,6 +206,17 @@ class Results:
     def _valid(series: xr.Dataset, shown: slice) -> FloatArray:
         ok = series["status"].values[shown] == Status.OK
         return np.where(ok, series["displacement"].values[shown], np.nan)
+
+
+def stand_before(axes: tuple[str, ...]) -> FloatArray:
+    """Directions to the right, away and up of who stands before the structure, rows of shape (3, 3) along the axes.
+
+    Parameters
+    ----------
+    axes
+        Names of the axes.
+    """
+    return np.array([*lay_flat(axes, "plan"), lay_flat(axes, "elevation")[1]])
 
 
 def _first(places: FloatArray) -> FloatArray:

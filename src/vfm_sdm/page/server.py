@@ -16,6 +16,7 @@ from nicegui import app, background_tasks, run, ui
 from vfm_sdm.errors import SessionError, VfmSdmError
 from vfm_sdm.page.guard import Guard
 from vfm_sdm.page.state import PageState
+from vfm_sdm.page.steps.common import tell_errors
 
 __all__ = ["serve"]
 
@@ -67,7 +68,7 @@ def serve(page: PageState, *, port: int | None = None, browser: bool = True, tel
     with page.project.opened():
         try:
             ui.run(
-                lambda: _build(page),
+                lambda: build(page),
                 host=_HOST,
                 port=chosen,
                 title=f"vfm-sdm: {page.project.folder.name}",
@@ -99,10 +100,14 @@ def _free_port(port: int | None) -> int:
         return int(probe.getsockname()[1])
 
 
-def _build(page: PageState) -> None:
+def build(page: PageState) -> None:
     """The five steps; each is built anew when it is opened, from the files."""
     ui.add_head_html('<link rel="stylesheet" href="/static/page.css"><script src="/static/page.js"></script>')
-    ui.label(f"vfm-sdm · {page.project.folder.name}").classes("text-h6")
+    with ui.row().classes("items-center"):
+        ui.label(f"vfm-sdm · {page.project.folder.name}").classes("text-h6")
+        back = ui.button("Undo", icon="undo").props("flat dense no-caps")
+        with back:
+            ui.tooltip("Takes back the last change of session.toml that was made on this page")
     with ui.tabs().props("no-caps align=left").classes("w-full") as tabs:
         for number, name in enumerate(_STEPS, start=1):
             ui.tab(name, label=f"{number} {name}")
@@ -117,6 +122,11 @@ def _build(page: PageState) -> None:
             except VfmSdmError as error:
                 ui.label(str(error)).classes("text-negative whitespace-pre-line")
 
+    async def undo() -> None:
+        page.draft.undo()
+        show(str(tabs.value))
+
+    back.on_click(tell_errors(undo))
     tabs.on_value_change(lambda event: show(str(event.value)))
     tabs.set_value(_STEPS[0])
 
@@ -132,10 +142,10 @@ def _add_routes(page: PageState) -> None:
     app.add_static_files("/static", _STATIC)
 
     @app.get("/picture/{view}/{number}")
-    async def picture(view: str, number: int) -> Response:
+    async def picture(view: str, number: int, *, whole: bool = False) -> Response:
         """A frame of a view as JPEG."""
         try:
-            content = await run.io_bound(lambda: page.pictures().picture(view, max(number, 0)))
+            content = await run.io_bound(lambda: page.pictures(whole=whole).picture(view, max(number, 0)))
         except VfmSdmError as error:
             return Response(str(error), status_code=_MISSING, media_type="text/plain")
         return Response(content, media_type="image/jpeg", headers={"cache-control": "private, max-age=60"})

@@ -20,6 +20,8 @@ _TALLEST = 420
 _AHEAD = 1.25
 _COLOURS = ("#1565c0", "#e65100", "#6a1b9a", "#2e7d32")
 _TICKS = 6
+_DRAWN_FROM_STRUCTURE = np.diag([1.0, 1.0, -1.0])
+"""Away, down and to the right of who faces the structure: its longitudinal axis leads to the left."""
 
 
 def draw_site(site: Site, names: Sequence[str], rig: Rig | None, points: dict[str, tuple[FloatArray, bool]]) -> str:
@@ -41,7 +43,7 @@ def draw_site(site: Site, names: Sequence[str], rig: Rig | None, points: dict[st
     distance, along = site.perpendicular_distance.value, site.longitudinal_distance.value
     level = site.reference_camera_level
     try:
-        axes = structure_from_cam1(
+        axes = _DRAWN_FROM_STRUCTURE @ structure_from_cam1(
             compute_view_angle(distance, along),
             pitch_rad=np.radians(level.pitch) if level else 0.0,
             roll_rad=np.radians(level.roll) if level else 0.0,
@@ -57,7 +59,7 @@ def draw_site(site: Site, names: Sequence[str], rig: Rig | None, points: dict[st
 
 
 _Mark = tuple[str, FloatArray, bool]
-"""Name of a point, its place (3,) [m], and whether it is static."""
+"""Name of a point, its place away, down and to the right (3,) [m], and whether it is static."""
 
 
 def _place(
@@ -67,7 +69,7 @@ def _place(
     baseline: float,
     points: dict[str, tuple[FloatArray, bool]],
 ) -> tuple[FloatArray, list[_Mark]]:
-    """Cameras (V, 3) and points along lateral, vertical and longitudinal axis from the reference camera [m]."""
+    """Cameras (V, 3) and points away, down and to the right from the reference camera [m]."""
     if rig is None:
         beside = axes @ np.array([1.0, 0.0, 0.0]) * baseline
         return np.array([number * beside for number in range(len(names))]), []
@@ -87,7 +89,7 @@ def _draw(
     distance: float,
     marks: list[tuple[str, FloatArray, bool]],
 ) -> str:
-    """Both drawings, of one scale; the longitudinal axis leads to the right."""
+    """Both drawings, of one scale, as seen by who faces the structure."""
     places = np.array([*centers, aim, *(place for _, place, _ in marks), [0.0, 0.0, aim[2]]])
     low, high = places.min(axis=0), places.max(axis=0)
     high[0] = max(high[0], distance) * _AHEAD
@@ -95,8 +97,8 @@ def _draw(
     depth = float(high[0] - low[0])
     scale = min((_WIDTH - 2 * _MARGIN) / spread, _TALLEST / depth)
 
-    def x(z: float) -> float:
-        return float(_MARGIN + (z - low[2]) * scale)
+    def x(right: float) -> float:
+        return float(_MARGIN + (right - low[2]) * scale)
 
     def y(lateral: float) -> float:
         return float(_MARGIN + (high[0] - lateral) * scale)

@@ -31,7 +31,7 @@ class PageState:
     def __init__(self, project: Project) -> None:
         self.project, self.draft = project, Draft(project.session)
         self.process: MeasureProcess | None = None
-        self._pictures: tuple[str, Pictures] | None = None
+        self._pictures: dict[str, Pictures] = {}
         self._sight: tuple[str, Sight] | None = None
         self._lock = Lock()
 
@@ -70,8 +70,19 @@ class PageState:
         except ValueError as error:
             return Site(), str(error)
 
-    def pictures(self) -> Pictures:
+    @property
+    def version(self) -> str:
+        """A word that changes with the session's file."""
+        path = self.draft.path
+        return f"{path.stat().st_mtime_ns:x}" if path.exists() else "0"
+
+    def pictures(self, *, whole: bool = False) -> Pictures:
         """Pictures of the films; opened anew where the session names others.
+
+        Parameters
+        ----------
+        whole
+            Of the whole recordings, instead of the part that is used.
 
         Raises
         ------
@@ -81,11 +92,15 @@ class PageState:
             A film cannot be used.
         """
         session = self._films()
+        if whole:
+            views = tuple(view.model_copy(update={"use_s": None}) for view in session.view)
+            session = session.model_copy(update={"view": views})
         key = json.dumps(session.narrowed(RECORDED).as_fields(), sort_keys=True, default=str)
         with self._lock:
-            if self._pictures is None or self._pictures[0] != key:
-                self._pictures = key, Pictures(session)
-            return self._pictures[1]
+            if key not in self._pictures:
+                # The part that is used and the whole are asked for by turns.
+                self._pictures = dict([*self._pictures.items()][-1:]) | {key: Pictures(session)}
+            return self._pictures[key]
 
     def sight(self) -> "Sight":
         """What the films show; looked at anew where the session names others, or tells more of their cameras.

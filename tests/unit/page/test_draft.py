@@ -142,3 +142,46 @@ def test_a_file_that_is_no_toml_is_not_touched(tmp_path):
     with pytest.raises(SessionError, match=r"expected TOML, got: .*; correct it in an editor"):
         Draft(path).add_point("left", (1.0, 2.0))
     assert path.read_text(encoding="utf-8") == "name = "
+
+
+def test_changes_are_taken_back_one_after_the_other(draft):
+    begun = draft.path.read_text(encoding="utf-8")
+    draft.remove_point("mid")
+    with draft.at_once():
+        names = [draft.add_point("left", (float(number), 1.0)) for number in range(3)]
+    assert names == ["point 1", "point 2", "point 3"]
+    draft.undo()
+    assert [one["name"] for one in draft.fields["point"]] == ["end"]
+    draft.undo()
+    assert draft.path.read_text(encoding="utf-8") == begun
+    with pytest.raises(SessionError, match="undo: expected a change made on this page, got none"):
+        draft.undo()
+
+
+def test_several_changes_are_all_made_or_none(draft):
+    begun = draft.path.read_text(encoding="utf-8")
+
+    def add_two() -> None:
+        with draft.at_once():
+            draft.add_point("left", (1.0, 1.0))
+            draft.add_point("left", (2.0, 1.0), name="mid")
+
+    with pytest.raises(SessionError, match="a name of its own"):
+        add_two()
+    assert draft.path.read_text(encoding="utf-8") == begun
+    assert draft.add_point("left", (1.0, 1.0)) == "point 1"
+
+
+def test_what_another_wrote_is_not_taken_back(draft):
+    draft.put(("site", "perpendicular_distance"), {"value": 7.0, "std": 0.01})
+    by_hand = draft.path.read_text(encoding="utf-8") + "# measured again on Monday\n"
+    draft.path.write_text(by_hand, encoding="utf-8")
+    with pytest.raises(SessionError, match="undo: expected the file as the page left it"):
+        draft.undo()
+    assert draft.path.read_text(encoding="utf-8") == by_hand
+
+
+def test_points_are_written_apart_from_what_stands_before(draft):
+    draft.add_point("left", (1.0, 1.0))
+    draft.add_point("left", (2.0, 1.0))
+    assert draft.path.read_text(encoding="utf-8").count("\n\n[[point]]") == 4

@@ -27,6 +27,14 @@ def test_films_are_opened_anew_only_where_the_session_names_others(page):
     assert page.pictures() is not first
 
 
+def test_the_whole_film_and_what_is_used_of_it_are_there_by_turns(page):
+    page.draft.put(("view", "left", "use_s"), [0.2])
+    used, whole = page.pictures(), page.pictures(whole=True)
+    assert used.recordings["left"].info.frame_count < whole.recordings["left"].info.frame_count == 20
+    assert (page.pictures(), page.pictures(whole=True)) == (used, whole)
+    assert whole.picture("left", 0) != used.picture("left", 0)
+
+
 def test_what_the_films_show_is_asked_of_the_same_recordings(page):
     assert page.sight().sizes == {"left": (320, 240)}
     assert page.pictures().picture("left")[:2] == b"\xff\xd8"

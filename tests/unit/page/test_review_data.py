@@ -1,11 +1,15 @@
 """What a finished run shows on the page is what its files hold."""
 
+import json
+import shutil
+
 import numpy as np
 import pytest
 
 from run_folders import write_run
+from vfm_sdm.core.datasets import CAMERA_AXES, STRUCTURE_AXES
 from vfm_sdm.core.netcdf import read_displacement, read_tracks
-from vfm_sdm.page.review import Results
+from vfm_sdm.page.review import Results, stand_before
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +53,33 @@ def test_the_budget_is_that_of_the_summary(run, results):
         assert row["expanded"] == pytest.approx(values["expanded_uncertainty_mm"], abs=6e-5)
         for name, value in values["budget_mm"].items():
             assert row[name] == pytest.approx(value, abs=6e-5)
+
+
+def test_a_run_that_measured_nothing_is_shown(run, tmp_path):
+    """Points without one trusted sample have no budget."""
+    folder = shutil.copytree(run[0], tmp_path / "run")
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    for point in summary["points"].values():
+        for values in point["axes"].values():
+            values |= {"budget_mm": None, "peak_to_peak_mm": None, "expanded_uncertainty_mm": None}
+    (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    rows = Results(folder).budget()
+    assert len(rows) == 3 * len(summary["points"])
+    assert {row["expanded"] for row in rows} == {None}
+
+
+def test_what_is_positive_is_said(results):
+    assert results.positive("vertical") == " (positive: down)"
+    assert results.positive("sideways") == ""
+
+
+def test_the_scene_is_no_mirror_image():
+    """Right, away and up are right-handed, for axes of a structure and of a camera."""
+    for axes in (STRUCTURE_AXES, CAMERA_AXES):
+        assert np.linalg.det(stand_before(axes)) == pytest.approx(1.0)
+    right, _, up = stand_before(STRUCTURE_AXES)
+    assert right.tolist() == [0.0, 0.0, -1.0]
+    assert up.tolist() == [0.0, -1.0, 0.0]
 
 
 def test_the_film_shows_the_tracks(run, results):

@@ -72,6 +72,9 @@
     context.stroke();
   };
 
+  // Heard by the step that holds the picture, and gone with it.
+  const tell = (frame, what, detail) => frame.dispatchEvent(new CustomEvent(what, { bubbles: true, detail }));
+
   let held = null;
   document.addEventListener("wheel", (event) => {
     const frame = event.target.closest?.(".vs-frame");
@@ -104,13 +107,13 @@
     const { frame, point, x, y } = held, away = Math.hypot(event.clientX - x, event.clientY - y), view = frame.dataset.view;
     held = null;
     const at = pixel(frame, event);
-    if (point && away <= STILL_PX) emitEvent("vs_pick", { view, point: point.dataset.point });
+    if (point && away <= STILL_PX) tell(frame, "vs_pick", { view, point: point.dataset.point });
     else if (point && inside(frame, at)) {
       // The point goes as far as the cursor did: nobody takes it at its centre.
       const from = pixel(frame, { clientX: x, clientY: y });
-      emitEvent("vs_drag", { view, point: point.dataset.point, u: at[0] - from[0], v: at[1] - from[1] });
+      tell(frame, "vs_drag", { view, point: point.dataset.point, u: at[0] - from[0], v: at[1] - from[1] });
     } else if (point) point.removeAttribute("transform");
-    else if (away <= STILL_PX && inside(frame, at)) emitEvent("vs_click", { view, u: at[0], v: at[1] });
+    else if (away <= STILL_PX && inside(frame, at)) tell(frame, "vs_click", { view, u: at[0], v: at[1] });
   });
   new ResizeObserver(() => document.querySelectorAll(".vs-frame").forEach(rescale)).observe(document.documentElement);
   new MutationObserver(() => document.querySelectorAll(".vs-frame").forEach(rescale)).observe(document.documentElement,
@@ -118,6 +121,7 @@
 
   // A film with its tracks: one picture after the other, as fast as they come.
   const films = {};
+  const frame = (film) => film.url.replace("{}", film.tracks.numbers[film.at]);
   const draw = (film, at) => {
     const canvas = film.box.querySelector("canvas"), image = film.box.querySelector("img"), tracks = film.tracks;
     [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
@@ -147,15 +151,15 @@
       draw(film, film.at);
       if (film.plays && document.body.contains(box)) {
         film.at = (film.at + 1) % tracks.numbers.length;
-        setTimeout(() => (image.src = `${url}/${tracks.numbers[film.at]}`), 20);
+        setTimeout(() => (image.src = frame(film)), 20);
       }
     };
-    image.src = `${url}/${tracks.numbers[0]}`;
+    image.src = frame(film);
   };
   window.vsPlay = (id, plays) => {
     const film = films[id];
     film.plays = plays;
-    film.box.querySelector("img").src = `${film.url}/${film.tracks.numbers[film.at]}?${Date.now()}`;
+    film.box.querySelector("img").src = `${frame(film)}&again=${Date.now()}`;
   };
   window.vsTimes = (id, times) => { films[id].times = times; draw(films[id], films[id].at); };
 })();

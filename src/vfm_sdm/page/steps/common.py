@@ -9,8 +9,9 @@ from nicegui import context, run, ui
 
 from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.inputs.session import Point
+from vfm_sdm.page.state import PageState
 
-__all__ = ["as_point", "in_thread", "picture_address", "tell_errors", "value_at"]
+__all__ = ["as_point", "in_thread", "picture_address", "tell_errors", "value_at", "while_busy"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -32,13 +33,40 @@ def tell_errors(handler: Callable[P, Awaitable[None]]) -> Callable[P, Awaitable[
         except _LeftError:
             pass
         except VfmSdmError as error:
-            ui.notify(str(error), type="negative", multi_line=True, close_button="close", timeout=0)
+            _warn(str(error))
         except Exception as error:
             words = f"an error of the page itself: {type(error).__name__}: {error}; the terminal says where"
-            ui.notify(words, type="negative", multi_line=True, close_button="close", timeout=0)
+            _warn(words)
             raise
 
     return told
+
+
+def _warn(words: str) -> None:
+    # Where nothing to click in lies below: it stays until it is read.
+    ui.notify(words, type="negative", multi_line=True, close_button="close", timeout=0, position="top-right")
+
+
+def while_busy(button: ui.button, handler: Callable[[], Awaitable[None]]) -> Callable[[], Awaitable[None]]:
+    """A handler during which the button that began it shows that work is done, and takes no second click.
+
+    Parameters
+    ----------
+    button
+        The button.
+    handler
+        Handles its clicks.
+    """
+
+    async def shown() -> None:
+        button.props("loading")
+        try:
+            await handler()
+        finally:
+            if not button.is_deleted:
+                button.props(remove="loading")
+
+    return tell_errors(shown)
 
 
 class _LeftError(Exception):
@@ -73,20 +101,22 @@ def as_point(row: Mapping[str, Any]) -> Point:
     return Point(**{key: row[key] for key in ("name", "view", "pixel", "pixel_in", "static") if key in row})
 
 
-def picture_address(view: str, number: int | None = 0) -> str:
-    """Where the page serves a frame of a view; of all its frames for ``None``.
+def picture_address(page: PageState, view: str, number: int | None = 0, *, whole: bool = False) -> str:
+    """Where the page serves a frame of a view; for ``None``, of any, whose number takes the place of ``{}``.
+
+    It changes with the session, so that a browser shows no picture of another film that it still has.
 
     Parameters
     ----------
+    page
+        What the steps share.
     view, number
-        The view, and the number of its frame.
-
-    Examples
-    --------
-    >>> picture_address('north "A"', 3)
-    '/picture/north%20%22A%22/3'
+        The view, and the number of its frame, in the part of the recording that is used.
+    whole
+        Whether it is counted in the whole recording instead.
     """
-    return f"/picture/{quote(view, safe='')}" + ("" if number is None else f"/{number}")
+    frame = "{}" if number is None else number
+    return f"/picture/{quote(view, safe='')}/{frame}?version={page.version}" + ("&whole=1" if whole else "")
 
 
 def value_at(fields: Any, path: Sequence[str]) -> Any:

@@ -3,8 +3,10 @@
 from functools import partial
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 
+from vfm_sdm.inputs.video import VideoInfo
 from vfm_sdm.page.folder import Film
 from vfm_sdm.page.state import PageState
 from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors
@@ -24,8 +26,8 @@ def show_films(page: PageState) -> None:
         What the steps share.
     """
     ui.markdown(
-        "Choose the recording of each camera. The **first view is the reference**: its clock and its camera count. "
-        "Files must lie in this folder."
+        "Choose the recording of each camera. The **first view is the reference**: time is counted by its clock, and "
+        "what is measured on site begins at its camera. Films lie in this folder; copy others there and look again."
     )
     listed = ui.column().classes("w-full")
     scrubbed = ui.row().classes("w-full no-wrap items-start")
@@ -34,7 +36,7 @@ def show_films(page: PageState) -> None:
         films = await in_thread(page.project.films)
         listed.clear()
         with listed:
-            _list_films(page, films, changed)
+            _list_films(page, films, preview)
         await preview()
 
     async def preview() -> None:
@@ -42,13 +44,11 @@ def show_films(page: PageState) -> None:
         views = page.fields.get("view", ())
         if not views:
             return
-        pictures = await in_thread(page.pictures)
+        pictures = await in_thread(partial(page.pictures, whole=True))
         with scrubbed:
-            for view in views:
-                name = view["name"]
-                _scrub(page, view, pictures.lengths[name])
+            for number, view in enumerate(views):
+                _scrub(page, number, view, pictures.recordings[view["name"]].info)
 
-    changed = tell_errors(preview)
     ui.button("Look again", icon="refresh", on_click=tell_errors(refresh)).props("flat dense")
     ui.timer(0, tell_errors(refresh), once=True)
 
@@ -60,7 +60,19 @@ def _list_films(page: PageState, films: list[Film], changed: Any) -> None:
             "text-negative"
         )
         return
-    chosen = {_first(view.get("video")): view["name"] for view in page.fields.get("view", ())}
+    choices: dict[str, ui.select] = {}
+
+    def roles() -> dict[str, str]:
+        return {_first(view.get("video")): str(view["name"]) for view in page.fields.get("view", ())}
+
+    async def follow() -> None:
+        """Shows which view each film is now."""
+        chosen = roles()
+        for file, choice in choices.items():
+            choice.set_value(chosen.get(file, _NONE))
+        await changed()
+
+    chosen = roles()
     with ui.grid(columns="minmax(12em,2fr) repeat(5,auto) minmax(9em,1fr)").classes("w-full items-center gap-x-4"):
         for title in ("film", "size", "frames/s", "duration", "codec", "bits/pixel", "view"):
             ui.label(title).classes("text-bold")
@@ -75,51 +87,94 @@ def _list_films(page: PageState, films: list[Film], changed: Any) -> None:
             choice = ui.select([_NONE, *_VIEWS], value=chosen.get(film.files[0], _NONE)).props("dense outlined")
             choice.props["aria-label"] = f"view of {film.files[0]}"
             choice.set_enabled(info is not None)
-            choice.on_value_change(tell_errors(partial(_choose, page, film, changed)))
+            choices[film.files[0]] = choice
+            choice.on_value_change(tell_errors(partial(_choose, page, film, follow)))
             for warning in film.warnings:
                 ui.label(warning).classes("col-span-7 text-warning text-caption")
 
 
 async def _choose(page: PageState, film: Film, changed: Any, event: Any) -> None:
-    """Makes a recording a view, or none."""
-    views = [dict(view) for view in page.fields.get("view", ())]
-    kept = [view for view in views if _first(view.get("video")) != film.files[0] and view["name"] != event.value]
+    """Makes a recording a view, or none; where another one was that view, they change places."""
+    views = {str(view["name"]): view.get("video") for view in page.fields.get("view", ())}
+    was = next((name for name, video in views.items() if _first(video) == film.files[0]), _NONE)
+    if event.value == was:
+        return
+    other = views.pop(event.value, None)
+    views.pop(was, None)
     if event.value != _NONE:
-        before = next((view for view in views if view["name"] == event.value), {})
-        kept.append({**before, "name": event.value, "video": film.video})
+        views[event.value] = film.video
+        if other is not None and was != _NONE:
+            views[was] = other
     order = {name: number for number, name in enumerate(_VIEWS)}
-    kept.sort(key=lambda view: order.get(view["name"], len(order)))
-    page.draft.set_rows("view", [{"name": view["name"], "video": view.get("video")} for view in kept])
+    names = sorted(views, key=lambda name: order.get(name, len(order)))
+    page.draft.set_rows("view", [{"name": name, "video": views[name]} for name in names])
     await changed()
 
 
-def _scrub(page: PageState, view: dict[str, Any], frames: int) -> None:
-    """A picture of a view that a slider moves through, and the interval that is used."""
-    name = view["name"]
+def _scrub(page: PageState, number: int, view: dict[str, Any], info: VideoInfo) -> None:
+    """A picture of a view that a slider moves through, the interval that is used, and when it begins."""
+    name = str(view["name"])
+    fps = info.fps if np.isfinite(info.fps) else 0.0
     with ui.column().classes("w-1/2 gap-1"):
-        ui.label(name).classes("text-bold")
-        picture = ui.image(picture_address(name)).classes("w-full")
-        number = ui.label("frame 0")
+        ui.label(name if number else f"{name}, the reference").classes("text-bold")
+        picture = ui.image(picture_address(page, name, whole=True)).classes("w-full")
+        place = ui.label("frame 0")
 
         def show(event: Any) -> None:
-            picture.set_source(picture_address(name, int(event.value)))
-            number.set_text(f"frame {int(event.value)}")
+            frame = int(event.value)
+            picture.set_source(picture_address(page, name, frame, whole=True))
+            place.set_text(f"frame {frame}" + (f", {frame / fps:.2f} s" if fps else ""))
 
-        slider = ui.slider(min=0, max=max(frames - 1, 1), value=0).props("label")
+        slider = ui.slider(min=0, max=max((info.frame_count or 1) - 1, 1), value=0).props("label")
         slider.on_value_change(show)
-        used = view.get("use_s") or []
-        with ui.row().classes("items-center"):
-            begin = ui.number("use from [s]", value=used[0] if used else None, min=0).props("dense clearable")
-            end = ui.number("to [s]", value=used[1] if len(used) > 1 else None, min=0).props("dense clearable")
+        _interval(page, view, info.duration_s)
+        if number:
+            _offset(page, view)
 
-            async def keep() -> None:
-                interval = None if begin.value is None and end.value is None else [float(begin.value or 0.0)]
-                if interval is not None and end.value is not None:
-                    interval.append(float(end.value))
-                page.draft.put(("view", name, "use_s"), interval)
 
-            for one in (begin, end):
-                one.on("blur", tell_errors(keep))
+def _interval(page: PageState, view: dict[str, Any], duration_s: float | None) -> None:
+    """Which part of a recording is used; one that holds nothing is told, and not kept."""
+    used = view.get("use_s") or []
+    if not all(isinstance(one, int | float) for one in used):
+        ui.label(f"used: {' to '.join(map(str, used))}, as session.toml states it")
+        return
+    with ui.row().classes("items-center"):
+        begin = ui.number("use from [s]", value=used[0] if used else None, min=0).props("dense clearable")
+        end = ui.number("to [s]", value=used[1] if len(used) > 1 else None, min=0).props("dense clearable")
+    says = ui.label("").classes("text-negative")
+
+    async def keep() -> None:
+        first, last = float(begin.value or 0.0), None if end.value is None else float(end.value)
+        ends = [one for one in (last, duration_s) if one is not None]
+        wrong = bool(ends) and first >= min(ends)
+        longer = last is not None and duration_s is not None and last > duration_s
+        says.set_text(
+            "not kept: expected an end after the begin, and a begin within the film" if wrong
+            else f"the film ends at {duration_s:.1f} s" if longer
+            else ""
+        )  # fmt: skip
+        if not wrong:
+            interval = None if begin.value is None and last is None else [first] if last is None else [first, last]
+            page.draft.put(("view", str(view["name"]), "use_s"), interval)
+
+    for one in (begin, end):
+        one.on_value_change(tell_errors(keep))
+
+
+def _offset(page: PageState, view: dict[str, Any]) -> None:
+    """When a view begins, where that is known: a short film's motion does not tell it."""
+    later = ui.number("begins later than the reference by [s], if known", value=view.get("time_offset_s"))
+    later.props("dense clearable").classes("w-80")
+    with later:
+        ui.tooltip(
+            "Left empty, the motion tells it, which needs some seconds of it. 0: both were started by one signal."
+        )
+
+    async def keep() -> None:
+        stated = None if later.value is None else float(later.value)
+        page.draft.put(("view", str(view["name"]), "time_offset_s"), stated)
+
+    later.on_value_change(tell_errors(keep))
 
 
 def _first(video: object) -> str:

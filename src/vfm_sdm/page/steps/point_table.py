@@ -99,11 +99,16 @@ class PointTable:
         field.on("blur", tell_errors(rename))
         field.on("keydown.enter", tell_errors(rename))
         still = ui.checkbox("static", value=bool(point.get("static")))
+        with still:
+            ui.tooltip(
+                "On what cannot move, as an abutment: it shows how the camera itself moved. Two or more are best."
+            )
 
         async def fix() -> None:
             await self._events.fix(name, bool(still.value))
 
         still.on_value_change(tell_errors(fix))
         words = ui.label("").classes("text-caption")
-        ui.button(icon="delete", on_click=tell_errors(partial(self._events.remove, name))).props("flat dense round")
+        remove = ui.button(icon="delete", on_click=tell_errors(partial(self._events.remove, name)))
+        remove.props("flat dense round").props["aria-label"] = f"remove {name}"
         self._cells[name] = lights, words

@@ -9,7 +9,8 @@ from matplotlib.path import Path
 from nicegui import ui
 
 from vfm_sdm.errors import SessionError
-from vfm_sdm.page.findings import Findings
+from vfm_sdm.outputs.results import Worth
+from vfm_sdm.page.findings import LIGHTS, Findings
 from vfm_sdm.page.sight import Sight
 from vfm_sdm.page.state import PageState
 from vfm_sdm.page.steps.common import as_point, in_thread, picture_address, tell_errors
@@ -19,6 +20,12 @@ from vfm_sdm.studies.planning.suggestion import suggest_points
 __all__ = ["fill_polygon", "show_points"]
 
 _MODES = {"new": "new point", "place": "place the chosen point", "area": "area"}
+_LEGEND = {
+    Worth.GOOD: "measured in both directions, as well as the px say",
+    Worth.PART: "by a part of its square, or beside a pattern that repeats",
+    Worth.EDGE: "across an edge only",
+    Worth.REFUSED: "refused",
+}
 _MOST_POINTS = 400
 _LENS_PX = 168
 
@@ -38,7 +45,14 @@ class _Points:
             "Click a point in any view; **drag** it to correct it, also where it was found in the other view. Wheel "
             "zooms, dragging the picture moves it. The square is what is compared; its colour says what it is worth."
         )
+        with ui.row().classes("gap-x-6 gap-y-0 text-caption"):
+            for worth, words in _LEGEND.items():
+                with ui.row().classes("items-center no-wrap gap-0"):
+                    ui.element("span").classes("vs-light").style(f"background:{LIGHTS[worth]}")
+                    ui.label(words)
         self.pictures = ui.row().classes("w-full no-wrap items-start")
+        for event, handler in (("vs_click", self.clicked), ("vs_drag", self.dragged), ("vs_pick", self.picked)):
+            self.pictures.on(event, tell_errors(handler), ["detail"])
         with ui.row().classes("items-center"):
             ui.button("Suggest points", icon="auto_fix_high", on_click=tell_errors(self.suggest)).props("outline")
             self.wanted = ui.number("points", value=6, min=1, max=200, format="%d").props("dense").classes("w-20")
@@ -51,9 +65,6 @@ class _Points:
             self.busy.visible = False
             self.says = ui.label("")
         self.table = PointTable(self.findings, TableEvents(self.rename, self.fix, self.remove))
-        ui.on("vs_click", tell_errors(self.clicked))
-        ui.on("vs_drag", tell_errors(self.dragged))
-        ui.on("vs_pick", tell_errors(self.picked))
         ui.timer(0, tell_errors(self.open), once=True)
 
     async def open(self) -> None:
@@ -75,8 +86,13 @@ class _Points:
             ui.label(view).classes("text-bold")
             frame = ui.element("div").classes("vs-frame w-full")
             frame.props["data-view"], frame.props["data-width"], frame.props["data-height"] = view, width, height
+            # Of the picture's shape: what is below the cursor stays there while it grows.
+            frame.style(f"aspect-ratio: {width} / {height}")
             with frame, ui.element("div").classes("vs-sheet"):
-                ui.html(f'<img src="{picture_address(view)}" alt="first frame" draggable="false">', sanitize=False)
+                ui.html(
+                    f'<img src="{picture_address(self.page, view)}" alt="first frame" draggable="false">',
+                    sanitize=False,
+                )
                 self.overlays[view] = ui.html("", sanitize=False)
             lens = ui.element("canvas").classes("vs-lens")
             lens.props["width"] = lens.props["height"] = _LENS_PX
@@ -84,7 +100,8 @@ class _Points:
 
     async def clicked(self, event: Any) -> None:
         """Adds a point, says where the chosen one is in this view, or adds a corner of an area."""
-        view, u, v = event.args["view"], float(event.args["u"]), float(event.args["v"])
+        at = event.args["detail"]
+        view, u, v = at["view"], float(at["u"]), float(at["v"])
         if self.mode.value == "area":
             kept = self.area[1] if self.area[0] == view else []
             self.area = view, [*kept, (u, v)]
@@ -112,26 +129,28 @@ class _Points:
         grid = fill_polygon(corners, float(self.spacing.value or 80))
         if not 0 < len(grid) <= _MOST_POINTS:
             raise SessionError(f"area: expected 1 to {_MOST_POINTS} points, got {len(grid)}; change the spacing")
-        for pixel in grid:
-            self.page.draft.add_point(view, pixel)
+        with self.page.draft.at_once():
+            for pixel in grid:
+                self.page.draft.add_point(view, pixel)
         self.mode.set_value("new")
         self.refresh()
         await self.look_for_all()
 
     async def dragged(self, event: Any) -> None:
         """Moves a point in a view."""
-        view, name = event.args["view"], event.args["point"]
+        by = event.args["detail"]
+        view, name = by["view"], by["point"]
         at = self.findings.places(self.rows, view).get(name)
         if at is None:
             return
-        self.page.draft.move_point(name, view, (at[0] + float(event.args["u"]), at[1] + float(event.args["v"])))
+        self.page.draft.move_point(name, view, (at[0] + float(by["u"]), at[1] + float(by["v"])))
         self.chosen = name
         self.refresh()
         await self.look_for(name)
 
     async def picked(self, event: Any) -> None:
         """Chooses a point."""
-        self.chosen = event.args["point"]
+        self.chosen = event.args["detail"]["point"]
         self.refresh()
 
     async def look_for_all(self) -> None:
@@ -154,7 +173,13 @@ class _Points:
                 if one.pixel is not None:
                     await self._judge(self.sight, view, one.pixel)
         finally:
+            self._rest()
+
+    def _rest(self) -> None:
+        """Nothing is looked for any more; the step may have been left meanwhile."""
+        if not self.busy.is_deleted:
             self.busy.visible = False
+            self.says.set_text("")
 
     async def _judge(self, sight: Sight, view: str, pixel: tuple[float, float]) -> None:
         if self.findings.subset(view, pixel) is None:
@@ -171,12 +196,12 @@ class _Points:
         try:
             suggestion = await in_thread(partial(suggest_points, found, count=int(self.wanted.value or 6)))
         finally:
-            self.busy.visible = False
-            self.says.set_text("")
+            self._rest()
         known = {one["name"] for one in self.rows}
-        for one in suggestion.session.point:
-            if one.name not in known:
-                self.page.draft.add_point(one.view, one.pixel, name=one.name, static=one.static)
+        with self.page.draft.at_once():
+            for one in suggestion.session.point:
+                if one.name not in known:
+                    self.page.draft.add_point(one.view, one.pixel, name=one.name, static=one.static)
         self.refresh()
         await self.look_for_all()
 

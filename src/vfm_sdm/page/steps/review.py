@@ -10,9 +10,9 @@ from nicegui import ui
 
 from vfm_sdm.errors import VfmSdmError
 from vfm_sdm.outputs.report import write_report
-from vfm_sdm.page.review import Results
+from vfm_sdm.page.review import Results, stand_before
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors
+from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors, while_busy
 
 __all__ = ["show_review"]
 
@@ -21,6 +21,8 @@ _MOST_AT_ONCE = 8
 _VERDICTS = {"fit to use": "positive", "use with care": "warning", "do not use": "negative"}
 _SCENE_MAGNIFICATION = 100
 _ZOOMED = "(event) => { const one = (event.batch ?? [event])[0]; emit(one.start, one.end); }"
+_SHORT = {":formatter": "(value) => String(Math.round(1000 * value) / 1000)"}
+"""Labels of an axis: where a recording begins and ends is no round number."""
 _REST_S = 0.3
 """How long the wheel rests before what is zoomed into is drawn anew [s]."""
 _ABOVE, _FROM = np.array([0.0, 0.0, 0.1]), np.array([0.0, -1.6, 0.6])
@@ -77,7 +79,8 @@ class _Review:
                 ui.notify(f"written: {path}", type="positive")
                 link.set_visibility(True)
 
-            ui.button("Write report", icon="description", on_click=tell_errors(report))
+            write = ui.button("Write report", icon="description")
+            write.on_click(while_busy(write, report))
             link = ui.link("open the report", "/report", new_tab=True)
             link.set_visibility((self._page.project.run / "report.html").exists())
         for note in self._results.doubts(self._page.draft.session()[0]):
@@ -89,7 +92,9 @@ class _Review:
         self._spectrum = ui.echart(self._spectrum_options()).classes("w-full h-64")
         with ui.expansion("Audit: what was checked, and what to do", value=True).classes("w-full"):
             self._audit(audit.get("checks", []))
-        with ui.expansion("Budget: where the uncertainty comes from (k = 1, mm)").classes("w-full"):
+        with ui.expansion("Budget: where the uncertainty comes from (mm; expanded: k = 2, its parts: k = 1)").classes(
+            "w-full"
+        ):
             self._budget()
         with ui.expansion("Tracks over the film").classes("w-full"):
             for number, view in enumerate(self._results.session.view):
@@ -155,14 +160,11 @@ class _Review:
             series.append({**line, "lineStyle": {"color": colour, "width": 1.2}, "itemStyle": {"color": colour}})
         return {
             "animation": False,
-            "title": {
-                "text": f"{self._axis} displacement; band: expanded uncertainty, k = 2",
-                "textStyle": {"fontSize": 13},
-            },
-            "legend": {"top": 24, "data": list(self._shown)},
-            "grid": {"left": 64, "right": 24, "top": 60, "bottom": 70},
+            "title": _title(f"{self._axis} displacement{self._results.positive(self._axis)}; band: k = 2"),
+            "legend": {"top": 30, "data": list(self._shown)},
+            "grid": {"left": 64, "right": 24, "top": 66, "bottom": 70},
             "tooltip": {"trigger": "axis", "axisPointer": {"type": "cross"}},
-            "xAxis": {"type": "value", "name": "s", "min": begin_s, "max": end_s},
+            "xAxis": {"type": "value", "name": "s", "min": begin_s, "max": end_s, "axisLabel": _SHORT},
             "yAxis": {"type": "value", "name": "mm", "scale": True},
             "dataZoom": [{"type": kind, "startValue": low_s, "endValue": high_s} for kind in ("inside", "slider")],
             "series": series,
@@ -177,7 +179,7 @@ class _Review:
         return {
             "animation": False,
             "title": _title(f"{self._axis} amplitude"),
-            "grid": {"left": 64, "right": 16, "top": 36, "bottom": 60},
+            "grid": {"left": 64, "right": 24, "top": 36, "bottom": 70},
             "tooltip": {"trigger": "axis", "axisPointer": {"type": "cross"}},
             "xAxis": {"type": "value", "name": "Hz", "min": 0},
             "yAxis": {"type": "value", "name": "mm"},
@@ -205,7 +207,7 @@ class _Review:
 
     def _film(self, view: str, box_id: str) -> None:
         """A view that plays with its points, and vectors of their motion."""
-        address = picture_address(view, None)
+        address = picture_address(self._page, view, None)
         with ui.column().classes("w-full gap-1"):
             with ui.row().classes("items-center"):
                 ui.label(view).classes("text-bold")
@@ -213,7 +215,7 @@ class _Review:
                 stop = ui.button(icon="pause").props("dense flat")
                 play.props["aria-label"], stop.props["aria-label"] = f"play {view}", f"pause {view}"
                 times = ui.number("motion times", value=20, min=1, max=1000).props("dense").classes("w-28")
-            still = f'<img src="{picture_address(view)}" alt="film"><canvas></canvas>'
+            still = f'<img src="{picture_address(self._page, view)}" alt="film"><canvas></canvas>'
             ui.html(still, sanitize=False).classes("vs-film w-full").props(f'id="{box_id}"')
 
             async def begin() -> None:
@@ -228,8 +230,8 @@ class _Review:
     def _scene(self) -> None:
         """Cameras, points and their magnified motion along the structure's axes."""
         found = self._results.scene()
-        # Shown as one stands before it: longitudinal to the right, vertical up, lateral away.
-        turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        # Shown as one stands before it: to the right, away, up.
+        turn = stand_before(found["axes"])
         places = np.nan_to_num(found["places"]) @ turn.T
         middle = places.mean(axis=0)
         reach = float(np.abs(places - middle).max(initial=1.0))
@@ -247,7 +249,7 @@ class _Review:
             for axis, colour in ((0, "#c62828"), (1, "#2e7d32"), (2, "#1565c0")):
                 end = middle + 0.4 * reach * turn[:, axis]
                 scene.line(middle.tolist(), end.tolist()).material(colour)
-                scene.text(f"+ {('lateral', 'vertical', 'longitudinal')[axis]}").move(*end.tolist())
+                scene.text(f"+ {found['axes'][axis]}").move(*end.tolist())
             scene.move_camera(*(middle + reach * _FROM).tolist(), *middle.tolist())
         frame = {"at": 0}
         motion = found["motion"] / 1e3 * _SCENE_MAGNIFICATION @ turn.T

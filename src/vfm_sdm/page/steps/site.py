@@ -9,7 +9,7 @@ from nicegui import ui
 
 from vfm_sdm.page.sketch import draw_site
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.common import as_point, in_thread, tell_errors, value_at
+from vfm_sdm.page.steps.common import as_point, in_thread, tell_errors, value_at, while_busy
 from vfm_sdm.page.steps.further import show_further
 from vfm_sdm.page.steps.lenses import LensForm
 
@@ -20,7 +20,7 @@ _TOOLS = {"tape": 0.005, "laser": 0.003, "drawing": 0.02, "estimate": 0.1}
 """Standard deviations to begin with [m]: what such readings repeat to between optical centres and a face."""
 _LENGTHS = (
     (("site", "baseline"), "Baseline: between the two cameras"),
-    (("site", "perpendicular_distance"), "Reference camera to the face, at a right angle"),
+    (("site", "perpendicular_distance"), "Reference camera to the face of the structure, at a right angle"),
     (("site", "longitudinal_distance"), "From the foot of that line along the face to the picture's centre"),
 )
 _READINGS = {
@@ -37,7 +37,10 @@ def show_site(page: PageState) -> None:
     page
         What the steps share.
     """
-    ui.markdown("Lengths with the tool they were measured with; its uncertainty is a beginning that you may correct.")
+    ui.markdown(
+        "Lengths with the tool they were measured with; the standard deviation (std) that goes with it is a beginning "
+        "that you may correct. The *face* is the side of the structure that the cameras see, as an upright plane."
+    )
     with ui.row().classes("w-full no-wrap items-start"):
         with ui.column().classes("w-1/2"):
             faults = ui.label("").classes("text-negative whitespace-pre-line")
@@ -64,7 +67,8 @@ class _Sketch:
 
     def build(self) -> None:
         self._drawn = ui.html("", sanitize=False).classes("w-full")
-        ui.button("Place cameras and points by the pictures", on_click=tell_errors(self.relate)).props("flat no-caps")
+        place = ui.button("Place cameras and points by the pictures").props("flat no-caps")
+        place.on_click(while_busy(place, self.relate))
         self._rig: Any = None
         self._points: dict[str, Any] = {}
         ui.timer(0, tell_errors(self.refresh), once=True)
@@ -122,7 +126,7 @@ def _length(page: PageState, path: Sequence[str], title: str, sketch: _Sketch) -
 
 def _side(page: PageState, sketch: _Sketch) -> None:
     """On which side the face lies."""
-    ui.label("Looking where the reference camera looks, the face lies on its")
+    ui.label("Looking where the reference camera looks, the face of the structure lies on its")
     side = ui.toggle(["left", "right"], value=value_at(page.fields, ("site", "structure_side")) or "right").props(
         "dense"
     )
@@ -158,8 +162,10 @@ def _level(page: PageState, path: Sequence[str], sketch: _Sketch) -> None:
     found = value_at(page.fields, path) or {}
     both = found.get("value_deg")
     with ui.row().classes("items-end no-wrap w-full"):
-        pitch = ui.number("Camera looks upwards by [deg]", value=found.get("pitch_deg", both)).props("dense clearable")
-        roll = ui.number("its right side is lower by [deg]", value=found.get("roll_deg", both)).props("dense clearable")
+        pitch = ui.number("Camera looks upwards by [deg]", value=found.get("pitch_deg", both))
+        pitch.props("dense clearable").classes("grow")
+        roll = ui.number("its right side is lower by [deg]", value=found.get("roll_deg", both))
+        roll.props("dense clearable").classes("grow")
         std = ui.number("std [deg]", value=found.get("std_deg", 0.2), min=0.001).props("dense").classes("w-24")
 
     async def keep() -> None:
