@@ -90,12 +90,13 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
         "= 1); "
         "value times sensitivity is the contribution. All but the random part are systematic: they do not average "
         "out over "
-        "a series.",
+        "a series. A dash: not estimated, because nothing told it; it counts as zero, unless the sum is a dash too.",
         "Nach GUM (JCGM 100:2008), für den Punkt mit der größten Bewegung: Anteile als quadratische Mittel über die "
         "Zeit "
         "(k = 1); Wert mal Empfindlichkeit ist der Beitrag. Alle außer dem zufälligen Anteil sind systematisch: Sie "
         "mitteln "
-        "sich über eine Reihe nicht heraus.",
+        "sich über eine Reihe nicht heraus. Ein Strich: nicht ermittelt, weil nichts darüber Auskunft gab; zählt als "
+        "null, wenn nicht auch die Summe ein Strich ist.",
     ),
     "no budget": (
         "Of a single view there is no budget: its uncertainty is made of the random part and of the scale.",
