@@ -139,10 +139,10 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     "where": ("worst at", "ungünstigste Stelle"),
     "found": ("value", "Wert"),
     "limit": ("limit", "Grenze"),
-    "not checked": ("What could not be checked, and why:", "Was nicht geprüft werden konnte, und warum (englisch):"),
+    "not checked": ("What could not be checked, and why:", "Was nicht geprüft werden konnte, und warum:"),
     "measure next": (
         "What would make the scale better known, and what would be left of its uncertainty (k = 2):",
-        "Was den Maßstab besser bekannt machte, und was von seiner Unsicherheit bliebe (k = 2, englisch):",
+        "Was den Maßstab besser bekannt machte, und was von seiner Unsicherheit bliebe (k = 2):",
     ),
     "table intervals": (
         "Verdicts on parts of the recording ({count} of {all}).",

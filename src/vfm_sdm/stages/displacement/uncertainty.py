@@ -157,7 +157,7 @@ def _list_estimated(tracks: xr.Dataset, inputs: BudgetInputs) -> BoolArray:
     found["synchronization"] = every & any(std != 0 for std in inputs.clock_std_s.values())
     found["assumption"] = ~every
     if inputs.baseline is not None and inputs.refinement_gain is not None:
-        found["assumption"] = np.isfinite(inputs.refinement_gain).all(axis=(1, 2))
+        found["assumption"] = np.asarray(np.isfinite(inputs.refinement_gain).all(axis=(1, 2)))
     sources = [every & any(np.isfinite(bits) for bits in inputs.bits_per_pixel.values())]
     sources += [_is_gain_known(tracks)] if "gain_left_std" in tracks else []
     found["compression"] = np.logical_or.reduce(sources)
