@@ -10,8 +10,9 @@ _RECORDINGS: Mapping[str, str] = {
     "motion comes out some 1 to 2 % too small; it is corrected where injected motion shows by how much, else stated "
     "(docs/decisions/008-compression.md)": "Bewegung kommt etwa 1 bis 2 % zu klein heraus; sie ist korrigiert, wo "
     "eingefügte Bewegung zeigt, um wie viel, sonst als Unsicherheit angegeben (docs/decisions/008-compression.md)",
-    "{count:n} dropped frames of {all:n}": "{count} verlorene von {all} Bildern",
-    "{count:n} duplicated frames of {all:n}": "{count} wiederholte von {all} Bildern",
+    "{count:n} {how:say} frames of {all:n}": "{count} {how} von {all} Bildern",
+    "dropped": "verlorene",
+    "duplicated": "wiederholte",
     "measured across an edge only, nothing along it: {points}": "nur quer zu einer Kante gemessen, nichts längs: "
     "{points}",
     "point {point} in view {view}": "Punkt {point} in Ansicht {view}",
@@ -48,8 +49,9 @@ _RECORDINGS: Mapping[str, str] = {
     "ms (Effektivwert), während die Bewegung gleichmäßig verläuft",
     "an even clock of {rate:n} frames a second is used": "verwendet wird eine gleichmäßige Uhr mit {rate} Bildern je "
     "Sekunde",
-    "not tracked from {begin:n} s to {end:n} s": "nicht verfolgt von {begin} s bis {end} s",
-    "not tracked from {begin:n} s to the end": "nicht verfolgt von {begin} s bis zum Ende",
+    "not tracked from {begin:n} s to {end:say}": "nicht verfolgt von {begin} s bis {end}",
+    "{seconds:n} s": "{seconds} s",
+    "the end": "zum Ende",
     "run again to try it once more": "für einen neuen Versuch noch einmal messen",
     "{tracker} needs the whole recording": "{tracker} braucht die ganze Aufnahme",
     "no frames at which it can be divided": "keine Bilder, an denen sie sich teilen lässt",
@@ -110,13 +112,17 @@ _CAMERAS: Mapping[str, str] = {
     "most probably wrong: {what:what}": "höchstwahrscheinlich falsch: {what}",
     "stated as {value:n} {units}": "angegeben als {value} {units}",
     "everything else gives {value:n} +- {std:n}": "alles Übrige ergibt {value} ± {std}",
-    "as if stated in millimetres": "als sei es in Millimetern angegeben",
-    "as if stated in kilometres, or divided by 1000 once too often": "als sei es in Kilometern angegeben, oder einmal "
+    "in millimetres": "in Millimetern",
+    "in feet": "in Fuß",
+    "in kilometres, or divided by 1000 once too often": "in Kilometern, oder einmal zu oft durch 1000 geteilt",
+    "as if {how:say}": "als sei es {how}",
+    "stated in millimetres": "in Millimetern angegeben",
+    "stated in kilometres, or divided by 1000 once too often": "in Kilometern angegeben, oder einmal "
     "zu oft durch 1000 geteilt",
-    "as if stated in feet": "als sei es in Fuß angegeben",
-    "as if of the other side of a picture of 16 to 9, as EXIF of a turned picture gives it": "als sei es von der "
+    "stated in feet": "in Fuß angegeben",
+    "of the other side of a picture of 16 to 9, as EXIF of a turned picture gives it": "von der "
     "anderen Seite eines Bildes 16 zu 9, wie EXIF es bei gedrehten Bildern angibt",
-    "as if stated with the other sign": "als sei es mit umgekehrtem Vorzeichen angegeben",
+    "stated with the other sign": "mit umgekehrtem Vorzeichen angegeben",
     "nearly as probable: {names:what}": "fast ebenso wahrscheinlich: {names}",
     "expected a pan clip filmed with the lens, zoom and mode of the recording, got a lens file of another one, do: "
     "film the pan clip again just before or after the recording, with focus and zoom locked": "erwartet war ein "
@@ -144,8 +150,8 @@ _CAMERAS: Mapping[str, str] = {
     "positive upwards, roll with the right-hand side lowered)": "erwartet waren Neigung {pitch} und Rollen {roll} "
     "Grad, angegeben sind {other} und {wrong}; die Wasserwaage berichtigen (Neigung ist aufwärts positiv, Rollen mit "
     "gesenkter rechter Seite)",
-    "expected {value:n} m, got {other:n} {unit}, do: state it in metres": "erwartet waren {value} m, angegeben sind "
-    "{other} {unit}; in Metern angeben",
+    "expected {value:n} m, got {other:n} {unit:say}, do: state it in metres": "erwartet waren {value} m, angegeben "
+    "sind {other} {unit}; in Metern angeben",
     # Several cameras that fit.
     "halves of the matches give cameras that differ by up to {turn:n} degrees, {times:n} times as much as they should: "
     "which matches agree is chance": "Hälften der Verknüpfungen ergeben Kameras, die um bis zu {turn} Grad abweichen, "
@@ -168,8 +174,8 @@ _CAMERAS: Mapping[str, str] = {
     '"{side}" or "{other}"': '"{side}" oder "{other}"',
     "{source} gives two focal lengths, {first:n} and {second:n} px": "{source} gibt zwei Brennweiten an, {first} und "
     "{second} px",
-    "{source}'s focal length is {percent:n}% off what was known of it": "die Brennweite von {source} weicht {percent} "
-    "% von der bekannten ab",
+    "{source}'s focal length is {percent} off what was known of it": "die Brennweite von {source} weicht um {percent} "
+    "von der bekannten ab",
     "focal length from EXIF, known to 5 %": "Brennweite aus EXIF, auf 5 % bekannt",
     "lens of pictures of {width:n} x {height:n} px, taken as showing the same field as these": "Objektiv von Bildern "
     "mit {width} x {height} px, als gleiches Blickfeld angenommen",

@@ -8,6 +8,7 @@ from string import Formatter
 import pytest
 
 from faults import FAULTS
+from measurements import measured
 from run_folders import write_run
 from vfm_sdm.core.statuses import CameraStatus, ClockStatus, PointStatus, RecordingStatus, RefinementStatus
 from vfm_sdm.outputs.report import build_content, find_language, open_run
@@ -24,10 +25,16 @@ WRITERS = (
     *("stages/tracking/frame_clock.py", "stages/tracking/segments.py"),
 )
 """Files whose strings with blanks in them are sentences of audits and notes, or parts of these."""
-NO_SENTENCES = frozenset({"vfm-sdm cameras 1", "camera file", "or", "tracking 7", "use cameras = 'two-view'"})
+NO_SENTENCES = frozenset(
+    {
+        *("vfm-sdm cameras 1", "camera file", "tracking 7", "_Steps | None"),
+        "use cameras = 'two-view', which takes the intrinsics from it",
+    }
+)
 """Strings of these files that no report shows."""
 PLACES = re.compile(r"[\d\W]*((of|in|and|view)[\d\W]+)*")
 """As `'7' in view '7'`: of which the words are translated with what stands in the gaps, or alike in German."""
+QUICK_FAULTS = frozenset({"a moved tripod", "views swapped"})
 GERMAN = find_language("de")
 
 
@@ -66,7 +73,7 @@ def sentences(path):
 
 
 def is_told(sentence):
-    return not GERMAN.tell(sentence).left or GERMAN.name(sentence) != sentence
+    return not GERMAN.tell(sentence).left
 
 
 @pytest.mark.parametrize("path", WRITERS, ids=str)
@@ -77,7 +84,7 @@ def test_every_sentence_of_the_program_has_a_german_form(path):
 
 def test_the_search_finds_sentences_that_have_no_form():
     assert not is_told("a new sentence that nobody translated; the views are synchronised")
-    assert sum(len(sentences(path)) for path in WRITERS) > 250
+    assert sum(len(sentences(path)) for path in WRITERS) > 200
 
 
 def test_every_status_has_a_german_form():
@@ -96,8 +103,8 @@ def test_forms_keep_what_stands_in_their_gaps():
     [
         (
             "signal to noise: little more than noise: lateral of 1.5, vertical of a b; use a longer lens, a larger "
-            "subset or more light; tripods: camera 'left' moved: 0.25 px (rms) were removed with the help of 2 static points, "
-            "0.01 px are left",
+            "subset or more light; tripods: camera 'left' moved: 0.25 px (rms) were removed with the help of 2 static "
+            "points, 0.01 px are left",
             "Signal zu Rauschen: kaum mehr als Rauschen: quer von 1.5, vertikal von a b; längere Brennweite, größeren "
             "Ausschnitt oder mehr Licht verwenden; Stative: Kamera 'left' bewegte sich: 0,25 px (Effektivwert) wurden "
             "mithilfe von 2 Festpunkten entfernt, 0,01 px bleiben",
@@ -106,6 +113,15 @@ def test_forms_keep_what_stands_in_their_gaps():
         (
             "the clocks keep step (in 2 of 5 intervals, worst from 0 to 60 s)",
             "die Uhren laufen gleich (in 2 von 5 Teilen, am ungünstigsten von 0 bis 60 s)",
+        ),
+        (
+            "most probably wrong: focal left, stated as 8320 px; everything else gives 1390 +- 10 (as if stated in feet)"
+            ": expected a sensor 6.4 or 13 mm wide, got that of 35 mm film, do: state its own width; nearly as probable: "
+            "baseline, range left to 'mid'; what was stated contradicts itself, and the scale with it",
+            "höchstwahrscheinlich falsch: Brennweite left, angegeben als 8320 px; alles Übrige ergibt 1390 ± 10 (als "
+            "sei es in Fuß angegeben): erwartet war ein 6,4 oder 13 mm breiter Sensor, gegeben ist der von Kleinbildfilm; "
+            "die eigene Breite angeben; fast ebenso wahrscheinlich: Basislänge, Strecke left bis 'mid'; die Angaben "
+            "widersprechen einander, und damit der Maßstab",
         ),
         ("known to 1e+02 % (k = 2)", "bekannt auf 100 % (k = 2)"),
         # Old versions, and other packages, write other sentences.
@@ -124,11 +140,13 @@ def test_names_are_never_translated():
     assert forms.tell("point 1.5 moves -1.5 mm").text == "Punkt 1.5: -1,5 mm"
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(
+    "fault",
+    [pytest.param(one, marks=() if one in QUICK_FAULTS else pytest.mark.slow) for one in FAULTS],
+)
 def test_audits_of_faults_hold_no_english_clause(fault):
-    make, _ = FAULTS[fault]
-    run = make(3)
-    found = run.measure().audit
+    run = FAULTS[fault][0](3)
+    found = measured(run.session, run.tracks, run.solution).audit
     left = [clause for check in found.checks for clause in GERMAN.tell(check.sentence).left]
     assert left == []
     assert found.flagged
