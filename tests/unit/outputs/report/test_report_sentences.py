@@ -115,13 +115,13 @@ def test_forms_keep_what_stands_in_their_gaps():
             "die Uhren laufen gleich (in 2 von 5 Teilen, am ungünstigsten von 0 bis 60 s)",
         ),
         (
-            "most probably wrong: focal left, stated as 8320 px; everything else gives 1390 +- 10 (as if stated in feet)"
-            ": expected a sensor 6.4 or 13 mm wide, got that of 35 mm film, do: state its own width; nearly as probable: "
-            "baseline, range left to 'mid'; what was stated contradicts itself, and the scale with it",
+            "most probably wrong: focal left, stated as 8320 px; everything else gives 1390 +- 10 (as if stated in "
+            "feet): expected a sensor 6.4 or 13 mm wide, got that of 35 mm film, do: state its own width; nearly as "
+            "probable: baseline, range left to 'mid'; what was stated contradicts itself, and the scale with it",
             "höchstwahrscheinlich falsch: Brennweite left, angegeben als 8320 px; alles Übrige ergibt 1390 ± 10 (als "
-            "sei es in Fuß angegeben): erwartet war ein 6,4 oder 13 mm breiter Sensor, gegeben ist der von Kleinbildfilm; "
-            "die eigene Breite angeben; fast ebenso wahrscheinlich: Basislänge, Strecke left bis 'mid'; die Angaben "
-            "widersprechen einander, und damit der Maßstab",
+            "sei es in Fuß angegeben): erwartet war ein 6,4 oder 13 mm breiter Sensor, gegeben ist der von "
+            "Kleinbildfilm; die eigene Breite angeben; fast ebenso wahrscheinlich: Basislänge, Strecke left bis 'mid'; "
+            "die Angaben widersprechen einander, und damit der Maßstab",
         ),
         ("known to 1e+02 % (k = 2)", "bekannt auf 100 % (k = 2)"),
         # Old versions, and other packages, write other sentences.

@@ -55,7 +55,8 @@ def describe_audit(inputs: ReportInputs, language: Language) -> Section:
 def _list_check(check: Mapping[str, Any], language: Language) -> tuple[Cell, ...]:
     units = "" if check["units"] in ("", "1") else language.word("unit", str(check["units"]))
     limit = check["limit"] if check["limit"] is not None and check["limit"] > _NO_LIMIT else None
-    shown = language.digits(limit, 3, units)
+    # What is counted has no decimals.
+    shown = language.cell(limit, 0, units) if check["units"] == "frames" else language.digits(limit, 3, units)
     if limit is not None:
         shown = Cell(f"{'≥' if check['larger_is_better'] else '<'} {shown.text}", shown.value)
     return (
