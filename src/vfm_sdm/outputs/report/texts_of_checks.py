@@ -275,6 +275,8 @@ THING_FORMS: Mapping[str, str] = {
     "a baseline of {metres:n} m known to {std:n} mm": "eine auf {std} mm bekannte Basislänge von {metres} m",
     "a calibration of the lens of {view} to {percent:n} %": "eine Kalibrierung des Objektivs von {view} auf "
     "{percent} %",
+    "places of the points": "Lage der Punkte",
+    "exact displacement of a synthetic field test": "exakte Verschiebung eines synthetischen Feldversuchs",
     "sensors {names}": "Sensoren {names}",
     "a calibration of the lenses": "eine Kalibrierung der Objektive",
 }

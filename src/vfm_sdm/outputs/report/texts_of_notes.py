@@ -74,6 +74,36 @@ _RECORDINGS: Mapping[str, str] = {
     "wie hoch (Seitenverhältnis {ratio})",
     "cameras allow for it, and all pixels, those of named points too, are the stored ones": "die Kameras "
     "berücksichtigen es, und alle Pixel, auch die benannter Punkte, sind die gespeicherten",
+    "capture_fps was stated, but the file names no rate of its own": "capture_fps ist angegeben, aber die Datei nennt "
+    "keine eigene Bildrate",
+    "stamps as of exported slow motion ({rate:n} frames a second)": "Zeitstempel wie von exportierter Zeitlupe ({rate} "
+    "Bilder je Sekunde)",
+    "film without it, use the camera's original file, or state capture_fps, the rate at which it was filmed": "ohne "
+    "Zeitlupe filmen, die Originaldatei der Kamera verwenden, oder capture_fps angeben, die Bildrate der Aufnahme",
+    "the file says that {taken:n} frames a second were taken and holds {stored:n}": "die Datei nennt {taken} "
+    "aufgenommene Bilder je Sekunde und enthält {stored}",
+    "its time stamps are used; state capture_fps where they are wrong": "ihre Zeitstempel werden verwendet; "
+    "capture_fps angeben, wo sie falsch sind",
+    "slow motion": "Zeitlupe",
+    "time lapse": "Zeitraffer",
+    "capture rate": "Bildrate der Aufnahme",
+    "filmed at {taken:n} and stored at {stored:n} frames a second": "mit {taken} Bildern je Sekunde gefilmt und mit "
+    "{stored} gespeichert",
+    "as the file says": "wie die Datei sagt",
+    "as stated (capture_fps)": "wie angegeben (capture_fps)",
+    "state capture_fps = {rate:n} if its time stamps are right": "capture_fps = {rate} angeben, wenn ihre Zeitstempel "
+    "stimmen",
+    "time is that of filming": "die Zeit ist die der Aufnahme",
+    "{count:n} files whose names do not belong to the sequence are left out": "{count} Dateien, deren Namen nicht zur "
+    "Folge gehören, sind ausgelassen",
+    "{count:n} numbers are missing in the sequence, the first after {file}": "in der Folge fehlen {count} Nummern, die "
+    "erste nach {file}",
+    "gaps in time": "Lücken in der Zeit",
+    "number the files without gaps if nothing is missing": "die Dateien ohne Lücken nummerieren, wenn nichts fehlt",
+    "{after} was begun {apart:n} s after {before} by the dates of the files, {late:n} s later than it is joined": ""
+    "{after} wurde nach den Daten der Dateien {apart} s nach {before} begonnen, {late} s später als angefügt",
+    "if the camera was stopped between them, measure them one by one": "wenn die Kamera dazwischen angehalten wurde, "
+    "sie einzeln messen",
     "the session in this folder is not measured to its end; `vfm-sdm measure` finishes it": "die Session in diesem "
     "Ordner ist nicht zu Ende gemessen; `vfm-sdm measure` beendet sie",
 }
@@ -117,11 +147,11 @@ _CAMERAS: Mapping[str, str] = {
     "in kilometres, or divided by 1000 once too often": "in Kilometern, oder einmal zu oft durch 1000 geteilt",
     "as if {how:say}": "als sei es {how}",
     "stated in millimetres": "in Millimetern angegeben",
-    "stated in kilometres, or divided by 1000 once too often": "in Kilometern angegeben, oder einmal "
-    "zu oft durch 1000 geteilt",
+    "stated in kilometres, or divided by 1000 once too often": "in Kilometern angegeben, oder einmal zu oft durch 1000 "
+    "geteilt",
     "stated in feet": "in Fuß angegeben",
-    "of the other side of a picture of 16 to 9, as EXIF of a turned picture gives it": "von der "
-    "anderen Seite eines Bildes 16 zu 9, wie EXIF es bei gedrehten Bildern angibt",
+    "of the other side of a picture of 16 to 9, as EXIF of a turned picture gives it": "von der anderen Seite eines "
+    "Bildes 16 zu 9, wie EXIF es bei gedrehten Bildern angibt",
     "stated with the other sign": "mit umgekehrtem Vorzeichen angegeben",
     "nearly as probable: {names:what}": "fast ebenso wahrscheinlich: {names}",
     "expected a pan clip filmed with the lens, zoom and mode of the recording, got a lens file of another one, do: "
@@ -179,9 +209,9 @@ _CAMERAS: Mapping[str, str] = {
     "focal length from EXIF, known to 5 %": "Brennweite aus EXIF, auf 5 % bekannt",
     "lens of pictures of {width:n} x {height:n} px, taken as showing the same field as these": "Objektiv von Bildern "
     "mit {width} x {height} px, als gleiches Blickfeld angenommen",
-    "{first} and {second}: the pose that most matches agree with contradicts the points that are named in "
-    "both views": "{first} und {second}: Die Stellung, zu der die meisten Verknüpfungen passen, widerspricht den "
-    "in beiden Ansichten benannten Punkten",
+    "{first} and {second}: the pose that most matches agree with contradicts the points that are named in both "
+    "views": "{first} und {second}: Die Stellung, zu der die meisten Verknüpfungen passen, widerspricht den in beiden "
+    "Ansichten benannten Punkten",
     "correct their pixels (pixel_in), name five such points, or measure both distances of the face": "ihre Pixel "
     "(pixel_in) berichtigen, fünf solche Punkte benennen, oder beide Abstände der Bauwerksfläche messen",
     "{first} and {second}: all but {few:n} of {all:n} matches lie on what repeats, {needed:n} others are needed": ""
@@ -201,6 +231,76 @@ _CAMERAS: Mapping[str, str] = {
     "choose views that overlap more": "Ansichten wählen, die sich mehr überdecken",
 }
 
+_LENSES: Mapping[str, str] = {
+    "nothing known of the lens; state `lens` in the session, if only its camera": "nichts vom Objektiv bekannt; `lens` "
+    "in der Session angeben, und sei es nur die Kamera",
+    "Taken is what consumer cameras have, {low:n} to {high:n} degrees of view": "Angenommen ist, was übliche Kameras "
+    "haben, {low} bis {high} Grad Blickfeld",
+    "mode {mode} names no field of view": "der Modus {mode} nennt kein Blickfeld",
+    "taken as unknown; say Linear, Wide, 1x, 26mm or such": "als unbekannt genommen; Linear, Wide, 1x, 26mm oder "
+    "Ähnliches angeben",
+    "mode {mode} is {stated}, and the picture {aspect}": "der Modus {mode} ist {stated} und das Bild {aspect}",
+    "the picture's is taken": "das des Bildes wird genommen",
+    "film in a linear mode": "in einem linearen Modus filmen",
+    "state the mode, best a linear one": "den Modus angeben, am besten einen linearen",
+    "the file names {camera}": "die Datei nennt {camera}",
+    "the file names {camera}, whose distortion the camera model does not describe": "die Datei nennt {camera}, deren "
+    "Verzeichnung das Kameramodell nicht beschreibt",
+    "its profile is not used": "ihr Profil wird nicht verwendet",
+    "state `lens` in the session for more": "für mehr `lens` in der Session angeben",
+    "the session states {stated}, and the file names {named}": "die Session nennt {stated}, und die Datei nennt "
+    "{named}",
+    "the session is believed": "die Session gilt",
+    "correct one": "eine davon berichtigen",
+    "the file says that it is {state:say}, and the session the opposite": "die Datei sagt, sie sei {state}, und die "
+    "Session das Gegenteil",
+    "stabilised": "stabilisiert",
+    "not stabilised": "nicht stabilisiert",
+    "the session states the mode {mode}": "die Session nennt den Modus {mode}",
+    "the file names a lens of {film:n} mm, {percent} off the mode's": "die Datei nennt ein Objektiv von {film} mm, "
+    "{percent} neben dem des Modus",
+    "everything else gives a focal length {percent:n} % {way:say} than calibrators of {name} found": "alles Übrige "
+    "ergibt eine um {percent} % {way} Brennweite, als Kalibrierungen von {name} fanden",
+    "longer": "längere",
+    "shorter": "kürzere",
+    "mode {mode}": "Modus {mode}",
+    "nearer lies": "näher liegt",
+    "none of its modes": "keiner ihrer Modi",
+    "check mode and stabilisation": "Modus und Stabilisierung prüfen",
+    "{count:n} calibrators of {group:say}": "{count} Kalibrierungen; {group}",
+    "the model": "das Modell",
+    "cameras of the kind": "Kameras dieser Art",
+    "cameras of the kind in this mode": "Kameras dieser Art in diesem Modus",
+    "cameras of the maker": "Kameras des Herstellers",
+    "{degrees} degrees of view": "{degrees} Grad Blickfeld",
+    "the focal length known to {low:n} and {high:n} % (95 %)": "die Brennweite auf {low} und {high} % bekannt (95 %)",
+    "the sensor is read in about {time:n} ms": "der Sensor wird in etwa {time} ms ausgelesen",
+    # Chessboards and structure from motion.
+    "chessboard": "Schachbrett",
+    "{used:n} pairs used, {dropped:n} dropped": "{used} Paare verwendet, {dropped} verworfen",
+    "reprojection error {error:n} px": "Rückprojektionsfehler {error} px",
+    "baseline {length:n} mm with standard deviation {std:n} mm": "Basislänge {length} mm mit Standardabweichung {std} "
+    "mm",
+    "chessboard pair {pair} dropped": "Schachbrettpaar {pair} verworfen",
+    "chessboard pair {pair}": "Schachbrettpaar {pair}",
+    "corners turned in one view, put in order": "Ecken in einer Ansicht verdreht, geordnet",
+    "the pictures contradict each other more than independent corner errors would": "die Bilder widersprechen einander "
+    "mehr, als unabhängige Eckenfehler es täten",
+    "variances are {times:n} times those of independent errors on average": "die Varianzen sind im Mittel {times}-mal "
+    "die unabhängiger Fehler",
+    "baseline {found:n} m, measured {stated:n} m": "Basislänge {found} m, gemessen {stated} m",
+    "they differ by {times:n} standard deviations": "sie weichen um {times} Standardabweichungen ab",
+    "check the size of the squares and the tape": "Größe der Felder und Bandmaß prüfen",
+    "{first} and {second}: {few:n} of {all:n} matches agree": "{first} und {second}: {few} von {all} Verknüpfungen "
+    "passen",
+    "every view needs {count:n} with another one": "jede Ansicht braucht {count} mit einer anderen",
+    "state the lens of every view, or choose views with more overlap, depth and distance between them": "das Objektiv "
+    "jeder Ansicht angeben, oder Ansichten mit mehr Überdeckung, Tiefe und Abstand wählen",
+    "structure from motion": "Rekonstruktion aus den Bildern (structure from motion)",
+    "{count:n} points, mean reprojection error {error:n} px": "{count} Punkte, mittlerer Rückprojektionsfehler {error} "
+    "px",
+}
+
 _COMPARISON: Mapping[str, str] = {
     "reference": "Referenz",
     "lag of the reference unknown": "Versatz der Referenz unbekannt",
@@ -211,5 +311,5 @@ _COMPARISON: Mapping[str, str] = {
     "Hz ist breiter als das der Referenz, {first} bis {last}",
 }
 
-NOTE_FORMS: Mapping[str, str] = {**_RECORDINGS, **_CAMERAS, **_COMPARISON}
+NOTE_FORMS: Mapping[str, str] = {**_RECORDINGS, **_CAMERAS, **_LENSES, **_COMPARISON}
 """Sentences of notes."""

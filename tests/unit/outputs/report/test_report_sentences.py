@@ -22,7 +22,9 @@ WRITERS = (
     *("stages/intervals/verdicts.py", "outputs/results/notes.py"),
     *(f"stages/cameras/{name}.py" for name in ("solve", "site", "file", "culprits", "confusions", "hypotheses")),
     *(f"stages/cameras/{name}.py" for name in ("related_views", "two_view", "priors")),
-    *("stages/tracking/frame_clock.py", "stages/tracking/segments.py"),
+    *(f"stages/cameras/{name}.py" for name in ("site_problem", "sfm", "profile_checks", "chessboard/estimator")),
+    *("stages/tracking/frame_clock.py", "stages/tracking/segments.py", "analysis/evaluation/comparison.py"),
+    *(f"inputs/video/{name}.py" for name in ("marks", "numbering", "continuity")),
 )
 """Files whose strings with blanks in them are sentences of audits and notes, or parts of these."""
 NO_SENTENCES = frozenset(

@@ -171,6 +171,8 @@ def _describe_scale(inputs: ReportInputs, language: Language) -> Iterator[Block]
 
 def _say_source(source: str, language: Language) -> str:
     """A source in the reader's language, where the catalogue knows its beginning."""
+    if (named := language.name(source)) != source:
+        return named
     for length in range(len(source.split()), 0, -1):
         words = source.split()
         head, tail = " ".join(words[:length]), " ".join(words[length:])
