@@ -37,6 +37,7 @@ _LONG_NAMES = {
     "reprojection_error": "root mean square reprojection error",
     "status": "status of the sample",
     "origin": "position that displacement is relative to",
+    "uncertainty_estimated": "whether there was anything to estimate the component from",
     "position_std": "standard uncertainty of the position",
     "position_covariance": "covariance of the position in the picture",
     "correlation": "zero-normalised cross-correlation with the reference subset",

@@ -73,4 +73,5 @@ def _format_value(value: float, units: str) -> str:
         return "-"
     if units == "1":
         return f"{100 * value:.0f} %" if value >= 0.1 else f"{100 * value:.2g} %"
-    return f"{value:.3g} {units}"
+    # Of thousands of frames all digits are shorter than a power of ten.
+    return f"{value:.0f} {units}".strip() if value >= 1000 else f"{value:.3g} {units}".strip()

@@ -1,15 +1,20 @@
 """The language of a report: its texts, and how it writes numbers and dates."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from vfm_sdm.errors import ResultsError
-from vfm_sdm.outputs.report.content import Cell
+from vfm_sdm.outputs.report.content import Cell, Listed
+from vfm_sdm.outputs.report.sentences import Forms, Told
 from vfm_sdm.outputs.report.texts import CATALOGUE
+from vfm_sdm.outputs.report.texts_of_checks import CHECK_FORMS, THING_FORMS
+from vfm_sdm.outputs.report.texts_of_notes import NOTE_FORMS
 
 __all__ = ["LANGUAGES", "UNKNOWN", "Language", "count_decimals", "find_language"]
 
@@ -70,6 +75,47 @@ class Language:
         """
         texts = CATALOGUE.get(f"{prefix} {name}")
         return name if texts is None else texts[self.place]
+
+    def tell(self, sentence: str) -> Told:
+        """A sentence of the program, which writes English; clauses that no form fits stay as they are.
+
+        Parameters
+        ----------
+        sentence
+            The sentence, such as that of a check.
+
+        Examples
+        --------
+        >>> find_language("de").tell("known to 2.5 % (k = 2); as a check of mine says")
+        Told(text='bekannt auf 2,5 % (k = 2); as a check of mine says', left=('as a check of mine says',))
+        """
+        return Told(sentence) if self.code == "en" else _german_forms().tell(sentence)
+
+    def name(self, things: str) -> str:
+        """Places and things, as sentences of the program name them.
+
+        Parameters
+        ----------
+        things
+            Their names, with commas between.
+
+        Examples
+        --------
+        >>> find_language("de").name("lateral of mid, focal left")
+        'quer von mid, Brennweite left'
+        """
+        return things if self.code == "en" else _german_forms().name(things)
+
+    def listed(self, told: Iterable[Told]) -> Iterator[Listed]:
+        """Sentences as lists, those that stay English in lists of their own.
+
+        Parameters
+        ----------
+        told
+            The sentences.
+        """
+        for foreign, some in groupby(told, lambda one: bool(one.left)):
+            yield Listed(tuple(one.text for one in some), foreign=foreign)
 
     def write(self, value: float | None, decimals: int) -> str:
         """A number with so many decimals, in this language.
@@ -167,6 +213,12 @@ def count_decimals(value: float | None, digits: int = 2) -> int:
     if round(abs(value), places) >= 10 ** (digits - places):
         places -= 1
     return min(max(places, 0), _MOST_DECIMALS)
+
+
+@cache
+def _german_forms() -> Forms:
+    """Forms of all sentences; many patterns, made when they are first needed."""
+    return Forms({**CHECK_FORMS, **NOTE_FORMS}, THING_FORMS, LANGUAGES["de"].decimal_sign)
 
 
 _MONTHS: Mapping[str, tuple[str, ...]] = {

@@ -18,6 +18,14 @@ _STRIP = 56.0
 """Height below a drawing, for axes and ruler."""
 _FLATTEST = 90.0
 """Height of a drawing at least, also where all lies on one level."""
+_NAME_SIZE = 10.5
+_SPOTS = (
+    *((anchor, right, down) for down in (-5.0, 13.0) for anchor, right in (("start", 7.0), ("end", -7.0))),
+    *(("middle", 0.0, down) for down in (-9.0, 17.0)),
+)
+_FAR_SPOTS = tuple((anchor, right, down) for down in (26.0, -18.0) for anchor, right in (("start", 7.0), ("end", -7.0)))
+"""Where a name may stand beside its dot, the best first: which of its ends, and how far to the right and down; far
+ones where there are few names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,23 +179,31 @@ def _draw_camera(drawing: Drawing, at: FloatArray, sight: tuple[FloatArray, floa
 
 def _draw_names(drawing: Drawing, placed: list[tuple[FloatArray, Place]]) -> None:
     """Dots and names of all; names that would cover another one are left out where there are many points."""
-    taken = [(at[0] - 5, at[0] + 5, at[1] + 4) for at, _ in placed]
+    taken = [(*(at - 4.5), *(at + 4.5)) for at, _ in placed]
     many = sum(place.sight is None for _, place in placed) > MANY_POINTS
     for at, place in placed:
         colour = VERMILION if place.sight is not None else GREY if place.static else BLUE
         drawing.dot(at, 4 if place.sight is not None else 3, colour, filled=not place.static)
         text = shorten(place.name, 150)
-        width = 0.56 * 10.5 * len(text)
-        late = at[0] > WIDTH - _ROOM - width
-        x = float(at[0]) + (-7 if late else 7)
-        begin = x - width if late else x
-        for y in (float(at[1]) - 5, float(at[1]) + 13, float(at[1]) + 26, float(at[1]) - 18):
-            free = all(abs(y - other) > 10.5 or begin > end or begin + width < start for start, end, other in taken)
-            if free:
-                break
+        spots = [(spot, _letters_box(at, spot, text)) for spot in _SPOTS + (() if many else _FAR_SPOTS)]
+        inside = [one for one in spots if one[1][0] > 0 and one[1][1] > 0 and one[1][2] < drawing.width] or spots
+        free = [one for one in inside if not any(_overlap(one[1], other) for other in taken)]
         if free or not many:
-            taken.append((begin, begin + width, y))
-            drawing.text(x, y, text, anchor="end" if late else "start", size=10.5, halo="white")
+            (anchor, right, down), box = (free or inside)[0]
+            taken.append(box)
+            drawing.text(at[0] + right, at[1] + down, text, anchor=anchor, size=_NAME_SIZE, halo="white")
+
+
+def _letters_box(at: FloatArray, spot: tuple[str, float, float], text: str) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom edge of a name at a spot beside its dot."""
+    (anchor, right, down), width = spot, 0.56 * _NAME_SIZE * len(text)
+    left = float(at[0]) + right - width * {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor]
+    return left - 2.0, float(at[1]) + down - 8.5, left + width + 2.0, float(at[1]) + down + 2.0
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    """Whether two boxes cover a common place."""
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _draw_axes(drawing: Drawing, sheet: FloatArray, axes: tuple[str, ...], language: Language) -> None:

@@ -195,7 +195,7 @@ _FRAME: Mapping[str, tuple[str, str]] = {
     "table settings": ("Settings of the method.", "Einstellungen des Verfahrens."),
     "setting": ("setting", "Einstellung"),
     "value": ("value", "Wert"),
-    "notes head": ("Notes of the measurement:", "Hinweise der Messung (englisch):"),
+    "notes head": ("Notes of the measurement:", "Hinweise der Messung:"),
 }
 
 CATALOGUE: Mapping[str, tuple[str, str]] = {**_FRAME, **RESULT_TEXTS, **WORD_TEXTS}

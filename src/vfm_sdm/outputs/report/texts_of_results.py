@@ -90,12 +90,13 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
         "= 1); "
         "value times sensitivity is the contribution. All but the random part are systematic: they do not average "
         "out over "
-        "a series.",
+        "a series. A dash: not estimated, because nothing told it; it counts as zero, unless the sum is a dash too.",
         "Nach GUM (JCGM 100:2008), für den Punkt mit der größten Bewegung: Anteile als quadratische Mittel über die "
         "Zeit "
         "(k = 1); Wert mal Empfindlichkeit ist der Beitrag. Alle außer dem zufälligen Anteil sind systematisch: Sie "
         "mitteln "
-        "sich über eine Reihe nicht heraus.",
+        "sich über eine Reihe nicht heraus. Ein Strich: nicht ermittelt, weil nichts darüber Auskunft gab; zählt als "
+        "null, wenn nicht auch die Summe ein Strich ist.",
     ),
     "no budget": (
         "Of a single view there is no budget: its uncertainty is made of the random part and of the scale.",
@@ -138,10 +139,10 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     "where": ("worst at", "ungünstigste Stelle"),
     "found": ("value", "Wert"),
     "limit": ("limit", "Grenze"),
-    "not checked": ("What could not be checked, and why:", "Was nicht geprüft werden konnte, und warum (englisch):"),
+    "not checked": ("What could not be checked, and why:", "Was nicht geprüft werden konnte, und warum:"),
     "measure next": (
         "What would make the scale better known, and what would be left of its uncertainty (k = 2):",
-        "Was den Maßstab besser bekannt machte, und was von seiner Unsicherheit bliebe (k = 2, englisch):",
+        "Was den Maßstab besser bekannt machte, und was von seiner Unsicherheit bliebe (k = 2):",
     ),
     "table intervals": (
         "Verdicts on parts of the recording ({count} of {all}).",

@@ -217,6 +217,8 @@ _OTHERS: Mapping[str, tuple[str, str]] = {
     "outcome caution": ("caution", "Vorsicht"),
     "outcome fail": ("fail", "nicht bestanden"),
     "outcome not possible": ("not possible", "nicht möglich"),
+    "unit frames": ("frames", "Bilder"),
+    "unit std": ("std", "Std.-Abw."),
     "component random": ("scatter of the tracks", "Streuung der Spuren"),
     "component cameras": ("cameras, lengths and axes", "Kameras, Längen und Achsen"),
     "component synchronization": ("offset of the clocks", "Versatz der Uhren"),

@@ -65,7 +65,7 @@ class AuditCheck:
         Outcome of the check.
     value, limit, units
         Value that was found, limit from which on it is a caution, and the units of both; NaN where there is none.
-        Shares and ratios have the unit ``1``.
+        Shares and ratios have the unit ``1``; a number that is no share, such as signal over noise, has none.
     sentence
         Meaning of the outcome, in words for someone on site.
     where

@@ -188,14 +188,21 @@ def _propose(rig: Rig, names: list[str], pixels: FloatArray) -> Iterator[tuple[s
     here = lengths(rig)
     marks = [*_spread_marks(rig, pixels), *[0.0] * (len(names) + 1)]
     slopes = _differentiate(lengths, rig)
-    words = [f"a length of {{:.1f}} m between {a!r} and {b!r} known to" for a, b in combinations(names, 2)]
-    words += [f"a range of {{:.1f}} m from the camera of {rig.names[0]!r} to {name!r} known to" for name in names]
-    tools = [_LENGTH_STD_M] * (len(words) - len(names)) + [_RANGE_STD_M] * len(names)
-    words.append("a baseline of {:.2f} m known to")
-    tools.append(_LENGTH_STD_M)
+    ends = list(combinations(names, 2))
+    tape_mm, laser_mm = 1e3 * _LENGTH_STD_M, 1e3 * _RANGE_STD_M
+    words = [
+        f"a length of {value:.1f} m between {a!r} and {b!r} known to {tape_mm:.0f} mm"
+        for value, (a, b) in zip(here, ends, strict=False)
+    ]
+    words += [
+        f"a range of {value:.1f} m from the camera of {rig.names[0]!r} to {name!r} known to {laser_mm:.0f} mm"
+        for value, name in zip(here[len(ends) :], names, strict=False)
+    ]
+    words.append(f"a baseline of {here[-1]:.2f} m known to {tape_mm:.0f} mm")
+    tools = [_LENGTH_STD_M] * len(ends) + [_RANGE_STD_M] * len(names) + [_LENGTH_STD_M]
     for text, value, slope, tool, mark in zip(words, here, slopes, tools, marks, strict=True):
         if np.isfinite(value) and np.isfinite(slope).all():
-            yield f"{text.format(value)} {1e3 * tool:.0f} mm", slope, float(np.hypot(tool, mark))
+            yield text, slope, float(np.hypot(tool, mark))
     size = len(CAMERA_PARAMETERS)
     for number, name in enumerate(rig.names):
         one = np.zeros(size * len(rig))

@@ -162,10 +162,10 @@ def check_duration(inputs: AuditInputs) -> AuditCheck:
     view, share = max(unused.items(), key=lambda pair: pair[1], default=("", 0.0))
     rest = f"; {100 * share:.0f} % of {view!r} has no frame at its side and is not used" if share > _UNUSED else ""
     if frames >= _FRAMES_CAUTION:
-        good = f"{frames} frames of all views together are enough to judge noise and motion by{rest}"
-        return AuditCheck(name, Outcome.PASS, frames, _FRAMES_CAUTION, "", good, larger_is_better=True)
-    bad = f"{frames} trusted frames of all views together are too few to judge noise, clocks and cameras by{rest}"
-    return AuditCheck(name, Outcome.CAUTION, frames, _FRAMES_CAUTION, "", bad, larger_is_better=True)
+        good = f"{frames} frames of all views together are enough to judge noise and motion by" + rest
+        return AuditCheck(name, Outcome.PASS, frames, _FRAMES_CAUTION, "frames", good, larger_is_better=True)
+    bad = f"{frames} trusted frames of all views together are too few to judge noise, clocks and cameras by"
+    return AuditCheck(name, Outcome.CAUTION, frames, _FRAMES_CAUTION, "frames", bad + rest, larger_is_better=True)
 
 
 def check_refinement(inputs: AuditInputs) -> AuditCheck | None:

@@ -115,9 +115,12 @@ def _confuse_views(stated: Statements) -> Iterator[Confusion]:
     yield Confusion("recordings of the two views", advice, read)
     if abs(np.log(first.focal_px / second.focal_px)) > _ALIKE:
         cameras = tuple(_with_lens(own, other) for own, other in zip(rig.cameras, rig.cameras[::-1], strict=True))
-        advice = f"expected the lens of either camera under its name, got those of {pair} the other way round, "
+        advice = (
+            f"expected the lens of either camera under its name, got those of {pair} the other way round, do: exchange "
+            "them"
+        )
         swapped = replace(rig, cameras=cameras, covariance=_swap_lenses(np.asarray(rig.covariance)))
-        yield Confusion("lenses of the two views", advice + "do: exchange them", replace(stated, rig=swapped))
+        yield Confusion("lenses of the two views", advice, replace(stated, rig=swapped))
 
 
 def _with_lens(camera: Camera, other: Camera) -> Camera:

@@ -119,8 +119,10 @@ class Suspect:
         """What is most probably wrong, with the others that are nearly as probable."""
         words = f"most probably wrong: {self.name}"
         if np.isfinite(self.freed):
-            words += f", stated as {self.stated:.6g} {self.units}; everything else gives "
-            words += f"{self.freed:.4g} +- {self.freed_std:.2g}"
+            words += (
+                f", stated as {self.stated:.6g} {self.units}; everything else gives "
+                f"{self.freed:.4g} +- {self.freed_std:.2g}"
+            )
             words += "".join(f" (as if {one})" for one in name_confusions(self))
         words += f": {self.advice}" if self.advice else ""
         also = [one.name for one in others if one.name != self.name]

@@ -81,7 +81,8 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     displacement
         The dataset with ``uncertainty``, standard deviations of shape (7, T, P, 3) [mm]; and with ``combined_std`` and
         ``expanded_uncertainty``, shape (T, P, 3) [mm]. NaN where a component is not known, such as the cameras of a
-        file that states no covariance.
+        file that states no covariance. ``uncertainty_estimated``, shape (7, P), says whether there was anything to
+        estimate a component from: where not, it counts as zero, which nobody measured.
 
     Raises
     ------
@@ -143,9 +144,27 @@ def add_uncertainty(displacement: xr.Dataset, inputs: BudgetInputs) -> xr.Datase
     dims, units = ("time", "point", "axis"), {"units": "mm"}
     return displacement.assign(
         uncertainty=(("component", *dims), budget, units),
+        uncertainty_estimated=(("component", "point"), _list_estimated(tracks, inputs)),
         combined_std=(dims, combined, units),
         expanded_uncertainty=(dims, COVERAGE_FACTOR * combined, {**units, "coverage_factor": COVERAGE_FACTOR}),
     ).assign_coords(component=list(COMPONENTS))
+
+
+def _list_estimated(tracks: xr.Dataset, inputs: BudgetInputs) -> BoolArray:
+    """Whether there was anything to estimate each component of each point from, shape (7, P)."""
+    every: BoolArray = np.ones(tracks.sizes["point"], dtype=np.bool_)
+    found: dict[str, BoolArray] = dict.fromkeys(COMPONENTS, every)
+    found["synchronization"] = every & any(std != 0 for std in inputs.clock_std_s.values())
+    found["assumption"] = ~every
+    if inputs.baseline is not None and inputs.refinement_gain is not None:
+        found["assumption"] = np.asarray(np.isfinite(inputs.refinement_gain).all(axis=(1, 2)))
+    sources = [every & any(np.isfinite(bits) for bits in inputs.bits_per_pixel.values())]
+    sources += [_is_gain_known(tracks)] if "gain_left_std" in tracks else []
+    found["compression"] = np.logical_or.reduce(sources)
+    spread = tracks["part_gain_std"].transpose("view", "point", ...).values if "part_gain_std" in tracks else None
+    found["subset"] = ~every if spread is None else np.isfinite(spread).any(axis=(0, 2))
+    found["origin"] = every & ("origin_covariance" in tracks)
+    return np.stack([found[name] for name in COMPONENTS])
 
 
 def compression_gain_std(bits_per_pixel: float) -> float:

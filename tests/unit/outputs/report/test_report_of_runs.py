@@ -35,6 +35,12 @@ REPORT = {
     "weather": "5 °C",
     "remarks": "closed to traffic\nsecond line",
 }
+EXPECTED = {
+    **dict.fromkeys(("random", "cameras", "synchronization", "origin"), True),
+    # Nothing was refined, and there are no films.
+    **dict.fromkeys(("assumption", "compression", "subset"), False),
+}
+"""Components that there is something to tell from."""
 MOST_BYTES = 5_000_000
 TAG = "{http://www.w3.org/1999/xhtml}"
 
@@ -177,7 +183,10 @@ def test_quality_and_budget_are_those_of_the_dataset(run, page):
         table_of(page, "Components", "Anteile"), [(p, a) for p in points for a in axes], strict=True
     ):
         budget = rms.sel(point=point, axis=axis).values
-        assert [cell[1] for cell in cells[2:9]] == pytest.approx(budget.tolist())
+        told = data["uncertainty_estimated"].sel(point=point).values
+        shown = [value if known else None for value, known in zip(budget, told, strict=True)]
+        assert [cell[1] for cell in cells[2:9]] == pytest.approx(shown)
+        assert dict(zip(data["component"].values.tolist(), told.tolist(), strict=True)) == EXPECTED
         combined = float(np.sqrt(np.sum(budget**2)))
         assert [cell[1] for cell in cells[9:]] == pytest.approx([combined, 2 * combined])
 
@@ -208,7 +217,7 @@ def test_value_times_sensitivity_is_the_contribution(page):
             assert value[1] * sensitivity[1] == pytest.approx(contribution[1], abs=1e-12)
             checked += value[1] > 0
     assert checked >= 3
-    total = np.sqrt(sum(row[4][1] ** 2 for row in rows[:-2]))
+    total = np.sqrt(sum((row[4][1] or 0.0) ** 2 for row in rows[:-2]))
     assert rows[-2][4][1] == pytest.approx(total)
     assert rows[-1][4][1] == pytest.approx(2 * total)
     assert language in ("en", "de")

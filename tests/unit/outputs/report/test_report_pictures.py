@@ -4,6 +4,7 @@ import json
 import re
 from base64 import b64decode
 from io import BytesIO
+from types import SimpleNamespace
 
 import html5lib
 import numpy as np
@@ -13,8 +14,9 @@ from PIL import Image
 from run_folders import write_run
 from vfm_sdm.inputs.session import Lens, Site, View
 from vfm_sdm.inputs.session.hashes import InputHashes
-from vfm_sdm.outputs.report import open_run, write_report
-from vfm_sdm.outputs.report.site_plan import lay_flat, site_places
+from vfm_sdm.outputs.report import find_language, open_run, write_report
+from vfm_sdm.outputs.report.drawing import WIDTH
+from vfm_sdm.outputs.report.site_plan import Place, draw_site, lay_flat, site_places
 
 SIZE = (1920, 1080)
 
@@ -102,6 +104,33 @@ def test_drawings_are_no_mirror_images(tmp_path, view):
     if view == "plan":
         sight, lateral = sheet @ [0, 0, 1], np.array([0.0, 1.0])
         assert sight[0] * lateral[1] - sight[1] * lateral[0] < 0
+
+
+@pytest.mark.parametrize("view", ["plan", "elevation"])
+def test_names_stand_beside_their_own_dots_apart_and_inside(view):
+    """As on an abutment: two points beside each other, and others at the edges of the site."""
+    axes = ("lateral", "vertical", "longitudinal")
+    along = {"abutment": 4.01, "abutment corner": 3.41, "a rather long name": 6.2, "right end": -3.2}
+    places = [Place(name, np.array([6.9, 0.8, z]), static=True) for name, z in along.items()]
+    svg = draw_site(SimpleNamespace(axis_names=axes), places, view, find_language("en"))
+    dots = [(float(x), float(y)) for x, y in re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)"', svg)]
+    letters = r'<text x="([\d.]+)" y="([\d.]+)" font-size="10.5" text-anchor="(\w+)" fill="#222222">([a-z ]+)<'
+    spans = {}
+    for x, y, anchor, name in re.findall(letters, svg):
+        width = 0.5 * 10.5 * len(name)
+        left = float(x) - width * {"start": 0, "middle": 0.5, "end": 1}[anchor]
+        spans[name] = (left, left + width, float(y))
+    assert list(spans)[:4] == list(along)
+    for (x, y), name in zip(dots, along, strict=True):
+        left, right, base = spans[name]
+        assert 0 < left < right < WIDTH
+        assert max(left - x, x - right) < 10
+        assert -10 < base - y < 18
+    for one in along:
+        for other in along:
+            if one < other:
+                (a, b, y), (c, d, z) = spans[one], spans[other]
+                assert abs(y - z) > 8 or b < c or d < a
 
 
 def test_without_distances_the_axes_are_the_cameras(tmp_path):

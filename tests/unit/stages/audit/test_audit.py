@@ -291,7 +291,12 @@ def test_the_fewer_the_frames_the_worse_the_verdict():
         short = {view: t.isel(time=slice(frames)) for view, t in run.tracks.items()}
         found = audited(replace(run, tracks=short))
         assert found.verdict == expected if expected is not None else found.verdict != Verdict.FIT
-        assert (found["length of the recording"].outcome == Outcome.PASS) == (frames > 50)
+        length = found["length of the recording"]
+        assert (length.outcome == Outcome.PASS) == (frames > 50)
+        assert length.units == "frames"
+        assert length.sentence.startswith(f"{length.value:.0f} ")
+        said = any(f"{length.value:.0f} frames (limit 50 frames)" in str(text) for text in audit_report(found))
+        assert said == (frames < 50)
 
 
 @pytest.mark.parametrize(

@@ -345,6 +345,21 @@ def test_subset_is_the_spread_of_gains_over_subsets():
     assert part(budget, "subset")[..., 1].max() > 0.5 * std * vertical.max()
 
 
+def test_a_component_that_nothing_told_says_so():
+    tracks = tracks_of(pixels())
+    spread = np.full((2, tracks.sizes["point"], 2), 0.03)
+    spread[:, 0] = np.nan  # of the first point no parts were compared
+    parts = tracks.assign(part_gain_std=(("view", "point", "direction"), spread))
+    inputs = BudgetInputs(parts, clock_std_s={"right": np.nan}, bits_per_pixel={"left": 0.31, "right": np.inf})
+    told = add_uncertainty(measured(tracks), inputs)["uncertainty_estimated"]
+    assert told.sel(component="subset").values.tolist() == [False] + [True] * (tracks.sizes["point"] - 1)
+    whole = told.isel(point=1).to_series()
+    assert whole[~whole].index.tolist() == ["assumption", "origin"]
+    plain = add_uncertainty(measured(tracks), BudgetInputs(tracks, bits_per_pixel={"left": np.inf}))
+    whole = plain["uncertainty_estimated"].all("point").to_series()
+    assert whole[whole].index.tolist() == ["random", "cameras"]
+
+
 def test_compression_is_by_size_where_a_gain_was_not_measured():
     tracks = tracks_of(pixels())
     std = np.full((2, tracks.sizes["point"], 2), 0.001)

@@ -69,7 +69,7 @@ def _tabulate_one(inputs: ReportInputs, of: tuple[str, str], motion_mm: float, l
             *_list_source(inputs, of, (name, contribution), motion_mm, language),
             _shorten(contribution, 3, language),
         )
-        for name, contribution in (of_axis.summary["budget_mm"] or {}).items()
+        for name, contribution in _components(inputs, of).items()
     ]
     empty = (Cell(""),) * 3
     rows.append((Cell(language.say("combined")), *empty, _shorten(of_axis.combined_mm, 3, language)))
@@ -79,6 +79,15 @@ def _tabulate_one(inputs: ReportInputs, of: tuple[str, str], motion_mm: float, l
     plain: list[Tone] = [""] * (len(rows) - 2)
     tones: tuple[Tone, ...] = (*plain, "strong", "strong")
     return Table(caption, tuple(map(language.say, columns)), tuple(rows), tones=tones)
+
+
+def _components(inputs: ReportInputs, of: tuple[str, str]) -> dict[str, float | None]:
+    """Components of a point and axis [mm]; ``None`` where nobody knows one, and where nothing was there to tell it."""
+    budget, data = inputs.series[of].summary["budget_mm"] or {}, inputs.displacement
+    if "uncertainty_estimated" not in data:
+        return dict(budget)
+    estimated = data["uncertainty_estimated"].sel(point=of[0])
+    return {name: value if value or bool(estimated.sel(component=name)) else None for name, value in budget.items()}
 
 
 def _list_source(
@@ -118,7 +127,7 @@ def _tabulate_all(inputs: ReportInputs, language: Language) -> Table:
         (
             Cell(point),
             Cell(language.word("axis", axis)),
-            *(_shorten((of_axis.summary["budget_mm"] or {}).get(name), 2, language) for name in components),
+            *(_shorten(_components(inputs, (point, axis)).get(name), 2, language) for name in components),
             _shorten(of_axis.combined_mm, 2, language),
             _shorten(COVERAGE_FACTOR * of_axis.combined_mm, 2, language),
         )
@@ -162,6 +171,8 @@ def _describe_scale(inputs: ReportInputs, language: Language) -> Iterator[Block]
 
 def _say_source(source: str, language: Language) -> str:
     """A source in the reader's language, where the catalogue knows its beginning."""
+    if (named := language.name(source)) != source:
+        return named
     for length in range(len(source.split()), 0, -1):
         words = source.split()
         head, tail = " ".join(words[:length]), " ".join(words[length:])

@@ -39,13 +39,13 @@ def describe_audit(inputs: ReportInputs, language: Language) -> Section:
         for check in audit["checks"]:
             if check["outcome"] == wanted:
                 blocks += list(_explain(check, language))
-    unchecked = tuple(
-        f"{language.word('check', check['name'])}: {check['sentence']}"
+    unchecked = [
+        language.tell(str(check["sentence"])).after(f"{language.word('check', check['name'])}: ")
         for check in audit["checks"]
         if check["outcome"] == Outcome.NOT_POSSIBLE
-    )
+    ]
     if unchecked:
-        blocks += [Paragraph(language.say("not checked")), Listed(unchecked, foreign=language.code != "en")]
+        blocks += [Paragraph(language.say("not checked")), *language.listed(unchecked)]
     blocks += list(_advise(inputs, language))
     if audit.get("intervals"):
         blocks.append(_tabulate_intervals(audit["intervals"], language))
@@ -53,28 +53,30 @@ def describe_audit(inputs: ReportInputs, language: Language) -> Section:
 
 
 def _list_check(check: Mapping[str, Any], language: Language) -> tuple[Cell, ...]:
-    units = "" if check["units"] in ("", "1") else str(check["units"])
+    units = "" if check["units"] in ("", "1") else language.word("unit", str(check["units"]))
     limit = check["limit"] if check["limit"] is not None and check["limit"] > _NO_LIMIT else None
-    shown = language.digits(limit, 3, units)
+    # What is counted has no decimals.
+    shown = language.cell(limit, 0, units) if check["units"] == "frames" else language.digits(limit, 3, units)
     if limit is not None:
         shown = Cell(f"{'≥' if check['larger_is_better'] else '<'} {shown.text}", shown.value)
     return (
         Cell(language.word("check", check["name"])),
         Cell(language.word("outcome", check["outcome"])),
-        Cell(str(check["where"] or "")),
+        Cell(language.name(str(check["where"] or ""))),
         language.digits(check["figure"], 3, units),
         shown,
     )
 
 
 def _explain(check: Mapping[str, Any], language: Language) -> Iterator[Block]:
-    """What to do about a check, and its own sentence, which is English."""
+    """What to do about a check, and its own sentence."""
     name = language.word("check", check["name"])
     outcome = language.word("outcome", check["outcome"])
     todo = language.word("todo", check["name"])
     advice = "" if todo == check["name"] else f": {todo}"
     yield Paragraph(f"{name} ({outcome}){advice}", TONES.get(check["outcome"], ""))
-    yield Paragraph(str(check["sentence"]), "quiet", foreign=language.code != "en")
+    told = language.tell(str(check["sentence"]))
+    yield Paragraph(told.text, "quiet", foreign=bool(told.left))
 
 
 def _advise(inputs: ReportInputs, language: Language) -> Iterator[Block]:
@@ -84,10 +86,11 @@ def _advise(inputs: ReportInputs, language: Language) -> Iterator[Block]:
     better = [one for one in scale.get("measure_next", []) if now and one["leaves"] < _WORTH_MEASURING * now]
     if better:
         items = tuple(
-            f"{one['reading']}: {language.digits(100 * one['leaves'], 2, '%').text}" for one in better[:_MOST_READINGS]
+            f"{language.name(one['reading'])}: {language.digits(100 * one['leaves'], 2, '%').text}"
+            for one in better[:_MOST_READINGS]
         )
         yield Paragraph(language.say("measure next"))
-        yield Listed(items, foreign=language.code != "en")
+        yield Listed(items)
 
 
 def _tabulate_intervals(intervals: list[Mapping[str, Any]], language: Language) -> Table:
@@ -101,7 +104,7 @@ def _tabulate_intervals(intervals: list[Mapping[str, Any]], language: Language) 
             language.cell(one["begin_s"], 0),
             language.cell(one["end_s"], 0),
             Cell(language.word("verdict short", one["verdict"])),
-            Cell(str(one["reasons"])),
+            Cell(language.tell(str(one["reasons"])).text),
         )
         for one in chosen
     )
@@ -124,7 +127,7 @@ def describe_comparison(inputs: ReportInputs, language: Language) -> Section | N
     found = inputs.evaluation
     if found is None:
         return None
-    head = language.say("comparison head", reference=found.get("reference", ""))
+    head = language.say("comparison head", reference=language.name(str(found.get("reference", ""))))
     if found.get("band_hz"):
         low, high = (language.digits(value, 3).text for value in found["band_hz"])
         head += " " + language.say("comparison band", low=low, high=high)
@@ -148,8 +151,7 @@ def describe_comparison(inputs: ReportInputs, language: Language) -> Section | N
     columns = ("point", "axis", "p2p here", "p2p reference", "rms error", "nrmse", "correlation", "rppae", "gain")
     heads = tuple(language.say(name) for name in (*columns, "lag ms", "coverage"))
     table = Table(language.say("table comparison"), heads, tuple(rows), words=2)
-    notes = tuple(str(note) for note in found.get("notes", []))
-    listed = (Listed(notes, foreign=language.code != "en"),) if notes else ()
+    listed = language.listed(language.tell(str(note)) for note in found.get("notes", []))
     return Section(language.say("title comparison"), (Paragraph(head), table, *listed))
 
 

@@ -99,7 +99,7 @@ def describe_verdict(inputs: ReportInputs, language: Language) -> Section:
     if flagged:
         blocks += [Paragraph(language.say("flagged head")), Listed(tuple(flagged))]
     if inputs.notes:
-        blocks.append(Listed(inputs.notes, foreign=language.code != "en"))
+        blocks += language.listed(map(language.tell, inputs.notes))
     blocks += [Paragraph(language.say("limits head")), Listed(tuple(_list_limits(inputs, language)))]
     return Section(language.say("title verdict"), tuple(blocks))
 

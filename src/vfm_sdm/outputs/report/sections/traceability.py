@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from vfm_sdm.core.run_folder import SESSION
-from vfm_sdm.outputs.report.content import Block, Cell, Facts, Listed, Paragraph, Section, Table
+from vfm_sdm.outputs.report.content import Block, Cell, Facts, Paragraph, Section, Table
 from vfm_sdm.outputs.report.inputs import ReportInputs
 from vfm_sdm.outputs.report.language import Language
 
@@ -49,7 +49,7 @@ def describe_traceability(inputs: ReportInputs, language: Language) -> Section:
     blocks.append(Table(language.say("table settings"), columns, settings, words=2))
     notes = tuple(str(note) for note in summary.get("notes", []))
     if notes:
-        blocks += [Paragraph(language.say("notes head")), Listed(notes, foreign=language.code != "en")]
+        blocks += [Paragraph(language.say("notes head")), *language.listed(map(language.tell, notes))]
     return Section(language.say("title traceability"), tuple(blocks))
 
 
