@@ -43,8 +43,8 @@ def not_below(least: float) -> AfterValidator:
     return AfterValidator(check)
 
 
-# Letters that names and texts do not have: control characters and what is no character, which HTML and XML refuse; breaks
-# of lines; and what turns the direction of the text behind it, such as the numbers of a report.
+# Letters that names and texts do not have: control characters, what is no character, which HTML and XML refuse, breaks
+# of lines, and what turns the direction of the text behind it, such as the numbers of a report.
 NO_LETTERS = r"\x00-\x1f\x7f-\x9f\x{2028}-\x{202e}\x{2066}-\x{2069}\x{fdd0}-\x{fdef}\x{fff9}-\x{fffb}" + "".join(
     rf"\x{{{plane:x}fffe}}\x{{{plane:x}ffff}}" for plane in range(17)
 )
