@@ -68,8 +68,8 @@ def _check(path: Path, poses: xr.Dataset) -> None:
     if "position" not in poses or wrong or space != ["x", "y"] or not all(poses.sizes.values()):
         raise ResultsError(
             f"{path}: expected position (time, space, keypoints, individuals) with x and y alone, and what belongs to "
-            f"it with the same dims, got {dict(poses.sizes)}{''.join(f', other {name}' for name in wrong)}; write it with "
-            "movement, or as a table"
+            f"it with the same dims, got {dict(poses.sizes)}{''.join(f', other {name}' for name in wrong)}; write it "
+            "with movement, or as a table"
         )
 
 

@@ -171,8 +171,8 @@ def _frames_of(found: ForeignTracks, time_s: FloatArray, path: Path) -> IntArray
             )
         if rows < count and (found.position[0] == 0).all():
             raise SessionError(
-                f"{path}: expected a table for each of the {count} frames, got {rows}, of which the first has no motion "
-                "at all, as that of the reference frame has: another one is missing; run the other program again"
+                f"{path}: expected a table for each of the {count} frames, got {rows}, of which the first has no "
+                "motion at all, as that of the reference frame has: another one is missing; run the other program again"
             )
         numbers = np.arange(count - rows, count)
     if numbers.max(initial=0) >= count:
