@@ -18,14 +18,6 @@ from vfm_sdm.core.statuses import SessionOutcome
 from vfm_sdm.studies.batch import BatchRow
 
 
-@pytest.fixture
-def plain(monkeypatch):
-    """Consoles of the command without an edge."""
-    wide = {"width": 10_000, "force_terminal": False, "color_system": None, "markup": False}
-    monkeypatch.setattr(command_module, "_out", Console(**wide))
-    monkeypatch.setattr(command_module, "_err", Console(stderr=True, **wide))
-
-
 @pytest.fixture(scope="module")
 def sites(tmp_path_factory):
     """Ten sessions, of which one is broken."""
@@ -39,7 +31,7 @@ def sites(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_ten_sessions_with_one_broken(plain, command, sites, tmp_path):
+def test_ten_sessions_with_one_broken(command, sites, tmp_path):
     runs = tmp_path / "runs"
     status, out, err = command("batch", f"{sites}/*/session.toml", "-o", runs)
     assert status == 1
@@ -126,7 +118,7 @@ def make_rows(outcomes):
 
 
 @pytest.mark.parametrize("outcomes", OUTCOMES)
-def test_exit_status_is_that_of_the_worst(outcomes, plain, command, monkeypatch, tmp_path):
+def test_exit_status_is_that_of_the_worst(outcomes, command, monkeypatch, tmp_path):
     (tmp_path / "s.toml").touch()
     monkeypatch.setattr(command_module, "batch", lambda *a, **k: make_rows(outcomes))
     status, out, _ = command("batch", tmp_path / "s.toml", "-o", tmp_path)
@@ -150,7 +142,7 @@ def test_the_table_says_all_on_narrow_terminals(width, capsys):
         assert word in letters, word
 
 
-def test_misuse(plain, command, tmp_path):
+def test_misuse(command, tmp_path):
     status, _, err = command("batch", tmp_path / "none" / "*.toml", "-o", tmp_path)
     assert (status, "expected session files, got no match" in err) == (1, True)
     status, _, err = command("batch", "-o", tmp_path)

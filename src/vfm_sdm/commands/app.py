@@ -11,7 +11,7 @@ import cyclopts
 from cyclopts import Parameter
 
 from vfm_sdm import __version__
-from vfm_sdm.commands.terminal import ERR, Ending, as_json
+from vfm_sdm.commands.terminal import ERR, Ending, as_json, show_all_letters
 from vfm_sdm.errors import VfmSdmError
 
 __all__ = ["app", "main"]
@@ -46,8 +46,8 @@ app = cyclopts.App(
     name="vfm-sdm",
     help="Structural displacement in millimetres from two ordinary cameras and one measured length.\n\n"
     "Every command takes --json: its tables are one JSON object then. Exit status: 0 done, 1 the input cannot be used "
-    "or a test was not passed, 3 the data did not allow a result, 4 the audit says not to use the result, 130 "
-    "interrupted.",
+    "or a test was not passed, 2 the command line cannot be understood, 3 the data did not allow a result, 4 the audit "
+    "says not to use the result, 130 interrupted.",
     version=__version__,
     # Nobody needs a word for an empty list.
     default_parameter=Parameter(negative_iterable=()),
@@ -66,10 +66,12 @@ def main(words: Sequence[str] | None = None) -> None:
     words
         The command line without the program's name; that of the process when ``None``.
     """
+    show_all_letters()
     typed = list(sys.argv[1:] if words is None else words)
     if not {*typed} & {*_COMMANDS}:
         app.resolved_commands()  # help says what each one does
-    asked = "--json" in typed and not _OWN_JSON & {*typed[:2]}
+    # What is no option is the command first; a run folder may be called as one.
+    asked = "--json" in typed and next((word for word in typed if word != "--json"), "") not in _OWN_JSON
     try:
         with as_json() if asked else nullcontext():
             app([word for word in typed if word != "--json"] if asked else typed)

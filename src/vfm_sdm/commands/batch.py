@@ -1,6 +1,5 @@
 """The command ``batch``: many sessions, and a table of what came out."""
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -10,13 +9,12 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 from rich import box
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.options import WorkerOptions
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import Ending
+from vfm_sdm.commands.terminal import ERR, OUT, Ending, say, say_json
 from vfm_sdm.core.statuses import SessionOutcome, Verdict
 from vfm_sdm.inputs.session import read_defaults
 from vfm_sdm.studies.batch import BatchRow, batch, find_sessions
@@ -26,8 +24,6 @@ __all__ = ["batch_command"]
 _STYLE = {Verdict.FIT: "green", Verdict.CARE: "yellow", Verdict.NOT_JUDGED: "yellow"}
 
 _WORKERS = WorkerOptions()
-_out = Console(markup=False)
-_err = Console(stderr=True, markup=False)
 
 
 def batch_command(
@@ -51,20 +47,20 @@ def batch_command(
         def report(row: BatchRow) -> None:
             nonlocal done
             done += 1
-            _err.print(f"{done}/{len(found)} {row.session}: {_say_outcome(row)}", highlight=False, soft_wrap=True)
+            ERR.print(f"{done}/{len(found)} {row.session}: {_say_outcome(row)}", highlight=False, soft_wrap=True)
             progress("sessions", done, len(found))
 
         progress("sessions", 0, len(found))
         rows = batch(found, output, defaults=common, executor=executor, report=report)
     if as_json:
         table = [{key: _known(value) for key, value in asdict(row).items()} for row in rows]
-        _out.print(json.dumps({"sessions": table}, indent=2, ensure_ascii=False), highlight=False, soft_wrap=True)
+        say_json({"sessions": table}, indent=2)
     else:
-        _out.print(_tabulate(rows))
+        OUT.print(_tabulate(rows))
         for row in rows:
             if row.reason:
-                _out.print(f"{row.session}: {row.reason}", style="red", highlight=False, soft_wrap=True)
-        _out.print(f"written: {output / 'batch.csv'}", highlight=False, soft_wrap=True)
+                OUT.print(f"{row.session}: {row.reason}", style="red", highlight=False, soft_wrap=True)
+        say(f"written: {output / 'batch.csv'}")
     sys.exit(_ending(rows))
 
 

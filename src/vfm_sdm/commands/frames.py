@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from vfm_sdm.commands.progress import show_progress
 from vfm_sdm.commands.terminal import say
 from vfm_sdm.studies.planning.frames import find_frames, write_frames
 
@@ -20,5 +21,7 @@ def frames(
 
     Points that come into view later stand in their own frames. Of a run, all points are shown where they were found.
     """
-    for path in write_frames(output, find_frames(source)):
+    with show_progress() as progress:
+        written = list(write_frames(output, find_frames(source, progress=progress)))
+    for path in written:
         say(f"written: {path}")

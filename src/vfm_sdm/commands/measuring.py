@@ -70,17 +70,20 @@ def measure_command(
             executor=executor,
             forecast=_forecast(output),
         )
-    for part in tables.measurement_report(result):
-        OUT.print(part)
-    say(f"written: {output} (figures in {output / 'figures'})")
+    # All files before the first word: who reads the words may stop listening.
+    written = [f"{output} (figures in {output / 'figures'})"]
     if _MOVEMENT in export:
-        say(f"written: {', '.join(map(str, write_movement(output, result.tracks)))}")
-    if result.displacement is not None:
+        written.append(", ".join(map(str, write_movement(output, result.tracks))))
+    cause = first_cause(result.cameras, result.tracks, result.displacement)
+    if result.displacement is not None and not cause:
         if csv_every > 1:
             write_export("csv", output, result.displacement.isel(time=slice(None, None, csv_every)))
-        for form in of_displacement:
-            say(f"written: {write_export(form, output, result.displacement)}")
-    if cause := first_cause(result.cameras, result.tracks, result.displacement):
+        written += [str(write_export(form, output, result.displacement)) for form in of_displacement]
+    for part in tables.measurement_report(result):
+        OUT.print(part)
+    for one in written:
+        say(f"written: {one}")
+    if cause:
         fail(f"no sample is ok: {cause}")
     if result.audit is not None and result.audit.verdict is Verdict.REFUSED:
         sys.exit(Ending.REFUSED)

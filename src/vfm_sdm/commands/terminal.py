@@ -1,10 +1,11 @@
 """What commands print, as text for people or, with ``--json``, as one JSON object; and how they end."""
 
+import io
 import json
 import math
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from contextvars import ContextVar
 from enum import IntEnum
 from typing import Any, NoReturn
@@ -12,6 +13,8 @@ from typing import Any, NoReturn
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from vfm_sdm.errors import ResultsError
 
 __all__ = [
     "ERR",
@@ -24,7 +27,9 @@ __all__ = [
     "note",
     "number_text",
     "say",
+    "say_json",
     "say_rest",
+    "show_all_letters",
     "shown_rows",
     "table_rows",
 ]
@@ -36,6 +41,8 @@ class Ending(IntEnum):
     DONE = 0
     ERROR = 1
     """The input cannot be used, or a test was not passed; a message says what to do."""
+    MISTYPED = 2
+    """The command line has words that cannot be understood, or lacks some."""
     NO_RESULT = 3
     """The input was right, and the data did not allow a result."""
     REFUSED = 4
@@ -64,10 +71,20 @@ class Terminal(Console):
         ----------
         objects, options
             As of rich's console.
+
+        Raises
+        ------
+        ResultsError
+            Where it goes to takes no more, such as a file on a disk that is full.
         """
         collected = _COLLECTED.get()
         if collected is None:
-            super().print(*objects, **options)
+            try:
+                super().print(*objects, **options)
+            except OSError as error:
+                raise ResultsError(
+                    f"standard output: expected to write to it, got: {error.strerror}; free space, or send it elsewhere"
+                ) from error
             return
         for one in objects:
             if isinstance(one, Table):
@@ -93,6 +110,19 @@ def say(line: str) -> None:
         The line.
     """
     OUT.print(line, highlight=False, soft_wrap=True)
+
+
+def say_json(content: Any, *, indent: int | None = None) -> None:
+    """Prints JSON in letters of ASCII, which every terminal and file has.
+
+    Parameters
+    ----------
+    content
+        Tables, lists, text, finite numbers, truth values and ``None``.
+    indent
+        Blanks before each level; one line when ``None``.
+    """
+    OUT.print(json.dumps(content, indent=indent, allow_nan=False), highlight=False, soft_wrap=True)
 
 
 def note(notes: Iterable[str], console: Console = OUT) -> None:
@@ -125,12 +155,14 @@ def fail(reason: object) -> NoReturn:
 def as_json() -> Iterator[None]:
     """Prints, at the end of the block, everything that was printed in it as one JSON object: ``tables`` and ``lines``.
 
-    Commands end by an exception, too, which passes; its status is ``exit_status``.
+    Commands end by an exception, too, which passes; its status is ``exit_status``. What anything else writes to
+    standard output, such as help, goes to standard error: a program finds one object and nothing beside it.
     """
     token = _COLLECTED.set({"tables": [], "lines": []})
     status: object = Ending.DONE
     try:
-        yield
+        with redirect_stdout(sys.stderr):
+            yield
     except SystemExit as stop:
         status = stop.code or Ending.DONE
         raise
@@ -140,9 +172,14 @@ def as_json() -> Iterator[None]:
     finally:
         collected = {"exit_status": status, **(_COLLECTED.get() or {})}
         _COLLECTED.reset(token)
-        Console(markup=False).print(
-            json.dumps(collected, ensure_ascii=False, indent=1), highlight=False, soft_wrap=True
-        )
+        say_json(collected, indent=1)
+
+
+def show_all_letters() -> None:
+    """Lets output hold what its encoding does not have, as codes: names may have any letters, terminals not."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def shown_rows(count: int) -> int:
@@ -259,6 +296,7 @@ def _value(cell: str) -> float | str | None:
     if cell == "-":
         return None
     try:
-        return float(cell)
+        number = float(cell)
     except ValueError:
         return cell
+    return number if math.isfinite(number) else None  # JSON has no others

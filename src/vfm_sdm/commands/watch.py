@@ -1,6 +1,5 @@
 """The command ``watch``: what a set-up shows before the real recording, on the terminal or as lines of JSON."""
 
-import json
 import signal
 import time
 from collections.abc import Iterator, Sequence
@@ -13,12 +12,13 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 from rich import box
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.options import name_values
+from vfm_sdm.commands.terminal import OUT, say_json
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import read_session
@@ -49,8 +49,6 @@ _VIEW_FIELDS = (
     "worst_latency_s",
     "elsewhere",
 )
-
-_out = Console(markup=False)
 
 
 @Parameter(name="*")
@@ -116,10 +114,10 @@ def watch(
     if json_lines:
         _print_line(time.monotonic() - began, last, ended=reason)
         return
-    _out.print(_report(last))
+    OUT.print(_report(last))
     for note in watched.notes:
-        _out.print(f"note: {note}", style="yellow", highlight=False)
-    _out.print(f"ended after {time.monotonic() - began:.1f} s: {reason}", highlight=False)
+        OUT.print(f"note: {note}", style="yellow", highlight=False)
+    OUT.print(f"ended after {time.monotonic() - began:.1f} s: {reason}", highlight=False)
 
 
 @contextmanager
@@ -145,8 +143,8 @@ def _display(*, json_lines: bool) -> Iterator[Any]:
     """What shows a report: lines of JSON, or a table that changes; nothing where output is no terminal."""
     if json_lines:
         yield _print_line
-    elif _out.is_terminal:
-        with Live(console=_out, auto_refresh=False, transient=True) as live:
+    elif OUT.is_terminal:
+        with Live(console=OUT, auto_refresh=False, transient=True) as live:
             yield lambda _, views: live.update(_report(views), refresh=True)
     else:
         yield lambda *_: None
@@ -155,7 +153,7 @@ def _display(*, json_lines: bool) -> Iterator[Any]:
 def _report(views: Sequence[ViewNow]) -> Group:
     """Tables of all views."""
     lines = sum(_BESIDE_POINTS + 2 * len(view.points) for view in views)
-    rows = 2 if lines <= _out.height or not _out.is_terminal else 1
+    rows = 2 if lines <= OUT.height or not OUT.is_terminal else 1
     return Group(*(part for view in views for part in _report_view(view, rows)))
 
 
@@ -189,7 +187,7 @@ def _point_table(points: Sequence[PointNow], rows: int) -> Table:
     table.add_column(Text("point"), overflow="fold")
     for name in ("u, v px", "p-p px", "p-p mm", "S/N", "lost"):
         table.add_column(Text(name), justify="right", no_wrap=True)
-    drawn = not _out.options.ascii_only and _out.width >= _ROOM_FOR_TRACE
+    drawn = not OUT.options.ascii_only and OUT.width >= _ROOM_FOR_TRACE
     if drawn:
         table.add_column(Text("last minute"), no_wrap=True, overflow="crop")
     for one in points:
@@ -251,7 +249,7 @@ def draw_trace(time_s: FloatArray, values: FloatArray, columns: int, rows: int) 
 def _print_line(elapsed_s: float, views: Sequence[ViewNow], ended: str | None = None) -> None:
     """One report as a line of JSON."""
     line = {"elapsed_s": elapsed_s, "ended": ended, "views": {view.name: _view_fields(view) for view in views}}
-    _out.print(json.dumps(_plain(line)), highlight=False, soft_wrap=True)
+    say_json(_plain(line))
 
 
 def _view_fields(view: ViewNow) -> dict[str, Any]:

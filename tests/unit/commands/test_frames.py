@@ -70,7 +70,9 @@ def test_ticks_are_labelled_at_round_pixels():
 
 def test_points_stand_in_their_own_frames(session):
     written = write_session(session.folder / "session.toml", session)
-    found = {(one.view, one.number): one for one in find_frames(written)}
+    said = []
+    found = {(one.view, one.number): one for one in find_frames(written, progress=lambda what, *_: said.append(what))}
+    assert "subsets left" in said  # of many points they take minutes
     assert {key: one.names for key, one in found.items()} == {
         ("left", 0): ("mid", "pier"),
         ("left", 2): ("late",),

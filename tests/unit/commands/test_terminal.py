@@ -2,10 +2,13 @@
 
 import io
 import json
+import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -135,6 +138,19 @@ def test_a_refused_result_has_a_status_of_its_own(monkeypatch, command, tmp_path
     assert command("measure", "session.toml", "-o", tmp_path)[0] == status
 
 
+@pytest.mark.parametrize(("cause", "written", "status"), [("", ["uff"], 1), ("every point was lost", [], 3)])
+def test_exports_are_there_before_anything_is_printed(monkeypatch, command, tmp_path, cause, written, status):
+    """Whoever reads may stop; and where no sample is ok, that is said, not what a format needs."""
+    found, events = SimpleNamespace(cameras=None, tracks={}, displacement=example(1), audit=None, summary={}), []
+    for name, value in {"read_session": None, "measure": found, "first_cause": cause}.items():
+        monkeypatch.setattr(measuring, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(measuring, "write_export", lambda form, *_: events.append(form))
+    monkeypatch.setattr(measuring.tables, "measurement_report", lambda _: ["table"])
+    monkeypatch.setattr(measuring, "OUT", SimpleNamespace(print=lambda _: None if cause else sys.exit(1)))
+    assert command("measure", "session.toml", "-o", tmp_path, "--export", "uff")[0] == status
+    assert events == written
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_says_what_becomes_of_the_work(tmp_path):
     """In a process of its own, as a terminal sends it, in the middle of the demonstration."""
@@ -152,3 +168,60 @@ def test_ctrl_c_says_what_becomes_of_the_work(tmp_path):
     assert process.returncode == 130
     assert "interrupted; finished stages are kept" in said
     assert "Traceback" not in said
+
+
+def run_typed(*words, code="", **options):
+    """The command line in a process of its own."""
+    start = [sys.executable, "-c", f"{code}\nfrom vfm_sdm.commands.app import main\nmain({list(map(str, words))!r})"]
+    return subprocess.run(start, capture_output="stdout" not in options, check=False, **options)
+
+
+@pytest.mark.parametrize("words", [["weights", "--json"], ["measure", "--help", "--json"], ["--json"]])
+def test_help_is_no_part_of_the_object(capsys, words):
+    with suppress(SystemExit):
+        cli.main(words)
+    captured = capsys.readouterr()
+    assert json.loads(captured.out) == {"exit_status": 0, "tables": [], "lines": []}
+    assert "Usage: vfm-sdm" in captured.err
+
+
+def test_a_run_folder_may_be_called_as_a_command(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        cli.main(["report", "batch", "--json"])
+    assert printed(capsys)["exit_status"] == Ending.ERROR
+
+
+def test_json_has_no_numbers_that_are_none(capsys):
+    table = Table("point")
+    table.add_column("value", justify="right")
+    for cell in ("nan", "inf", "-inf", "-"):
+        table.add_row("nan", cell)
+    with as_json():
+        Terminal().print(table)
+    (found,) = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["tables"]
+    assert found["rows"] == [{"point": "nan", "value": None}] * 4
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "utf-8"])
+def test_names_may_have_letters_that_the_terminal_lacks(encoding):
+    code = """
+from vfm_sdm.commands import report
+report.write_report = lambda *_, **__: ["brücke 🌉 \\udcff.html"]
+"""
+    env = {**os.environ, "PYTHONIOENCODING": encoding}
+    done = run_typed("report", "run", code=code, env=env)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(b"written: br")
+    done = run_typed("report", "run", "--json", code=code, env=env)
+    assert json.loads(done.stdout)["lines"] == ["written: brücke 🌉 \udcff.html"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full")
+@pytest.mark.parametrize("words", [["weights", "list"], ["weights", "list", "--json"]])
+def test_output_that_takes_no_more_is_one_clear_error(words):
+    with Path("/dev/full").open("w") as full:
+        done = run_typed(*words, stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == Ending.ERROR
+    assert b"standard output: expected to write to it, got: No space left on device" in done.stderr
+    assert b"Traceback" not in done.stderr

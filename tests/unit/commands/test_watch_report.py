@@ -76,7 +76,7 @@ def printed(width, views=(VIEW,), encoding="utf-8", monkeypatch=None):
 
     stream = Stream()
     console = Console(file=stream, width=width, markup=False, color_system=None)
-    monkeypatch.setattr(module, "_out", console)
+    monkeypatch.setattr(module, "OUT", console)
     console.print(module._report(views))
     return stream.text
 
@@ -119,7 +119,7 @@ def test_before_anything_is_measured(monkeypatch):
 
 
 def test_lines_for_programs(monkeypatch, capsys):
-    monkeypatch.setattr(module, "_out", Console(markup=False, width=40))
+    monkeypatch.setattr(module, "OUT", Console(markup=False, width=40))
     unknown = replace(VIEW, points=(*VIEW.points, point("new", motion=None)))
     module._print_line(1.5, [unknown], ended="told to end")
     line = json.loads(capsys.readouterr().out)
@@ -166,7 +166,7 @@ def test_a_changing_table_only_on_a_terminal(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")  # one that can change what it shows
     for terminal in (True, False):
         console = Console(markup=False, width=80, height=40, force_terminal=terminal, color_system=None)
-        monkeypatch.setattr(module, "_out", console)
+        monkeypatch.setattr(module, "OUT", console)
         with console.capture() as captured, module._display(json_lines=False) as show:
             show(1.0, [VIEW])
         assert ("measuring" in captured.get()) == terminal

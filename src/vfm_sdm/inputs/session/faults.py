@@ -75,8 +75,7 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:
         "missing": f"expected a value, got nothing; add {key} = ...",
         "tuple_type": f"expected a list of values or [[{key}]] tables, got {found}; correct the brackets",
         "model_type": f"expected one table [{key}], got {found}; correct the brackets",
-        "string_pattern_mismatch": "expected a name without slashes and control characters, and not of dots alone, "
-        f"got {found}; rename it",
+        "string_pattern_mismatch": f"expected {_seen(str(context.get('pattern')))}, got {found}; rename it",
         "too_short": f"expected at least {context.get('min_length')}, got {context.get('actual_length')}; add one",
         "too_long": f"expected {context.get('max_length')} values, got {found}; remove the others",
     }
@@ -89,6 +88,12 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:
         return f"expected one of the keys {', '.join(known)}, got an unknown one; {advice}"
     expected = detail["msg"].removeprefix("Input should be ")
     return f"expected {expected[:1].lower()}{expected[1:]}, got {found}; correct it"
+
+
+def _seen(pattern: str) -> str:
+    """What a pattern of names asks for."""
+    letters = "letters that can be seen, without control characters and marks that turn the direction of text"
+    return f"a name without slashes, not of dots alone, of {letters}" if "/" in pattern else letters
 
 
 def _show(value: Any) -> str:

@@ -30,15 +30,15 @@ from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
 from vfm_sdm.inputs.session.recording_fields import Files, Instant, Interval, count_from
 from vfm_sdm.inputs.session.report import Report
-from vfm_sdm.inputs.session.site import Entry, Name, Number, Pixel, Positive, Readings, Site
+from vfm_sdm.inputs.session.site import NO_LETTERS, Entry, Name, Number, Pixel, Positive, Readings, Site
 
 __all__ = ["Chessboard", "Point", "Sensor", "Session", "View"]
 
 _Count = Annotated[int, Strict(), Field(ge=3)]
 # Becomes a netCDF group and part of a file name. Not made of `Name`: of two `Field`s on one type, pydantic before 2.12
 # takes over the default that another field of that type has.
-_PLAIN, _NO_DOT = r"[^/\\\x00-\x1f\x7f]", r"[^/\\.\x00-\x1f\x7f]"
-_ViewName = Annotated[str, Field(min_length=1, pattern=rf"^\.*{_NO_DOT}{_PLAIN}*$")]
+_PLAIN = rf"[^/\\{NO_LETTERS}]"
+_ViewName = Annotated[str, Field(min_length=1, pattern=rf"^{_PLAIN}*[^/\\.\s{NO_LETTERS}]{_PLAIN}*$")]
 _FrameNumber = Annotated[int, Strict(), Field(ge=0)]
 _Since = Annotated[float, Strict(), Field(ge=0, le=1e9)]
 _PathField = Annotated[Path, PlainSerializer(lambda path: path.as_posix(), return_type=str)]

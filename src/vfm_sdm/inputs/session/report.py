@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from vfm_sdm.inputs.session.site import Entry, Name
+from vfm_sdm.inputs.session.site import NO_LETTERS, Entry, Name
 
 __all__ = ["Report"]
 
@@ -19,7 +19,8 @@ def _day(value: object) -> object:
     return value
 
 
-_Text = Annotated[str, Field(min_length=1, pattern=r"^[^\x00-\x09\x0b-\x1f\x7f]+$")]
+_LINES = rf"([^{NO_LETTERS}]|[\t\n])*"
+_Text = Annotated[str, Field(min_length=1, pattern=rf"^{_LINES}[^\s{NO_LETTERS}]{_LINES}$")]
 _Day = Annotated[date, BeforeValidator(_day)]
 
 

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
 __all__ = [
+    "NO_LETTERS",
     "Entry",
     "Length",
     "Level",
@@ -42,12 +43,18 @@ def not_below(least: float) -> AfterValidator:
     return AfterValidator(check)
 
 
+# Letters that names and texts do not have: control characters, what is no character, which HTML and XML refuse, breaks
+# of lines, and what turns the direction of the text behind it, such as the numbers of a report.
+NO_LETTERS = r"\x00-\x1f\x7f-\x9f\x{2028}-\x{202e}\x{2066}-\x{2069}\x{fdd0}-\x{fdef}\x{fff9}-\x{fffb}" + "".join(
+    rf"\x{{{plane:x}fffe}}\x{{{plane:x}ffff}}" for plane in range(17)
+)
+
 # Bounds that nothing on earth reaches: beyond them arithmetic overflows, and the number is a slip of the pen.
 Number = Annotated[float, Strict(), Field(ge=-1e9, le=1e9)]
 Positive = Annotated[float, Strict(), Field(gt=0, le=1e9), not_below(1e-9)]
 _Metres = Annotated[float, Strict(), Field(ge=0, le=1e5)]
 _PositiveMetres = Annotated[float, Strict(), Field(gt=0, le=1e5), not_below(1e-7)]
-Name = Annotated[str, Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
+Name = Annotated[str, Field(min_length=1, pattern=rf"^[^{NO_LETTERS}]*[^\s{NO_LETTERS}][^{NO_LETTERS}]*$")]
 _Degrees = Annotated[float, Strict(), Field(ge=-180, le=180)]
 _PositiveDegrees = Annotated[float, Strict(), Field(gt=0, le=180), not_below(1e-6)]
 _Coordinate = Annotated[Number, Field(ge=-0.5)]  # the image begins half a pixel before the first centre

@@ -38,12 +38,14 @@ def read_foreign_tracks(path: Path | str) -> ForeignTracks:
     try:
         with source.open(encoding="utf-8-sig") as stream:
             head = next((line for line in stream if line.strip() and not line.startswith(("#", "***"))), "")
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise ResultsError(f"{source}: expected tracks as a table, got: {error}; check the path") from error
+    except UnicodeDecodeError as error:
+        raise ResultsError(f"{source}: expected a table in UTF-8, got: {error}; save it as CSV UTF-8") from error
     for is_it, read in _TEXTS:
         if is_it(head):
             return read(source)
     raise ResultsError(
-        f"{source}: expected columns frame (or time_s), point, u, v, or those of DICe or OpenCorr, got "
-        f"{head.strip()[:80]!r}; docs/tracks.md says which"
+        f"{source}: expected columns frame (or time_s), point, u, v, or those of DICe or OpenCorr, separated "
+        f"by commas, got {head.strip()[:80]!r}; docs/tracks.md says which"
     )

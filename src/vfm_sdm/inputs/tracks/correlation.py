@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,7 +76,7 @@ def read_correlation(path: Path) -> ForeignTracks:
     Raises
     ------
     ResultsError
-        There is no such table, or the tables are not of one set of subsets.
+        There is no such table, one is missing between others, or they are not of one set of subsets.
 
     References
     ----------
@@ -100,6 +101,7 @@ def read_correlation(path: Path) -> ForeignTracks:
                 f"{file}: expected the same subsets as in {tables[0][0].name}, got others; put each run of the program "
                 "into a folder of its own, with one reference frame"
             )
+    _check_numbers(path, [file for file, _ in tables])
     moved = np.stack([_take(file, table, form.moved) for file, (_, table) in tables])
     quality = np.stack([_take(file, table, (form.quality,)) for file, (_, table) in tables])[..., 0]
     if program == "DICe":
@@ -110,6 +112,26 @@ def read_correlation(path: Path) -> ForeignTracks:
         std = np.full_like(quality, np.nan)
     moved[failed] = np.nan
     return ForeignTracks(moved, np.repeat(std[..., None], 2, axis=-1), doubtful, homes=homes, program=program)
+
+
+def _check_numbers(path: Path, files: Sequence[Path]) -> None:
+    """Refuses a gap in the numbers of the files: all frames behind it would be taken for others.
+
+    The number is the one that differs from file to file; of names without, or with several, nothing is known.
+    """
+    digits = [tuple(map(int, re.findall(r"\d+", file.stem))) for file in files]
+    if len({len(one) for one in digits}) > 1:
+        return
+    differing = [column for column in zip(*digits, strict=True) if len({*column}) > 1]
+    if len(differing) != 1:
+        return
+    steps = np.diff(differing[0])
+    if (steps != steps[0]).any():
+        at = int(np.argmax(steps != min(steps)))
+        raise ResultsError(
+            f"{path}: expected a table for every frame, got none between {files[at].name} and {files[at + 1].name}, or "
+            "one that cannot be read; run the other program again"
+        )
 
 
 def _columns(head: str) -> list[str]:

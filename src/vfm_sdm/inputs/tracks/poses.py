@@ -7,11 +7,13 @@ import xarray as xr
 
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.errors import ResultsError
-from vfm_sdm.inputs.tracks.record import ForeignTracks
+from vfm_sdm.inputs.tracks.record import ForeignTracks, whole_frames
 
 __all__ = ["read_poses"]
 
 _DIMS = ("time", "keypoints", "individuals", "space")
+_LAYOUT = {"position": _DIMS, "position_std": _DIMS, "status": _DIMS[:3], "confidence": _DIMS[:3]}
+"""Dims of what is read, in any order."""
 _DOUBTFUL = 0.6
 """Confidence below which a position is not trusted, where no status says so [1]."""
 
@@ -35,18 +37,12 @@ def read_poses(path: Path) -> ForeignTracks:
             poses = found.load()
     except (OSError, ValueError, LookupError, RuntimeError) as error:
         raise ResultsError(f"{path}: expected netCDF of poses, got: {error}; check the path") from error
-    if (
-        "position" not in poses
-        or {*poses["position"].dims} != {*_DIMS}
-        or {"x", "y"} - {*map(str, poses["space"].values)}
-    ):
-        raise ResultsError(
-            f"{path}: expected position (time, space, keypoints, individuals) with x and y, got "
-            f"{dict(poses.sizes)}; write it with movement, or as a table"
-        )
+    _check(path, poses)
     people = [str(name) for name in poses["individuals"].values]
     points = [str(name) for name in poses["keypoints"].values]
     names = tuple(point if len(people) == 1 else f"{person} {point}" for point in points for person in people)
+    if len({*names}) < len(names):
+        raise ResultsError(f"{path}: expected each point once, got {', '.join(map(repr, names))}; rename them")
     position = _flat(poses["position"])
     std = _flat(poses["position_std"]) if "position_std" in poses else np.full_like(position, np.nan)
     if "status" in poses:
@@ -57,8 +53,24 @@ def read_poses(path: Path) -> ForeignTracks:
         doubtful = np.zeros(position.shape[:2], np.bool_)
     clock = poses["time"].values
     if poses.attrs.get("time_unit") == "frames":
-        return ForeignTracks(position, std, doubtful, names, frames=clock.astype(np.int64), program="movement")
+        return ForeignTracks(position, std, doubtful, names, frames=whole_frames(path, clock), program="movement")
     return ForeignTracks(position, std, doubtful, names, time_s=clock.astype(np.float64), program="movement")
+
+
+def _check(path: Path, poses: xr.Dataset) -> None:
+    """Refuses what is no poses of a picture."""
+    wrong = [
+        name
+        for name, dims in _LAYOUT.items()
+        if name in poses and (sorted(map(str, poses[name].dims)) != sorted(dims) or poses[name].dtype.kind not in "iuf")
+    ]
+    space = [] if "space" not in poses.coords else sorted(map(str, poses["space"].values))
+    if "position" not in poses or wrong or space != ["x", "y"] or not all(poses.sizes.values()):
+        raise ResultsError(
+            f"{path}: expected position (time, space, keypoints, individuals) with x and y alone, and what belongs to "
+            f"it with the same dims, got {dict(poses.sizes)}{''.join(f', other {name}' for name in wrong)}; write it "
+            "with movement, or as a table"
+        )
 
 
 def _flat(array: xr.DataArray) -> np.ndarray:

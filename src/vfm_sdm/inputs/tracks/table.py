@@ -8,7 +8,7 @@ import numpy as np
 
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
 from vfm_sdm.errors import ResultsError
-from vfm_sdm.inputs.tracks.record import ForeignTracks
+from vfm_sdm.inputs.tracks.record import ForeignTracks, whole_frames
 
 __all__ = ["is_table", "read_table"]
 
@@ -43,22 +43,23 @@ def read_table(path: Path) -> ForeignTracks:
     Raises
     ------
     ResultsError
-        A column is missing, a value is no number, or a point has two rows for one frame.
+        A column is missing, or there twice; a row has other cells than the head, a value is no number, or a point has
+        two rows for one frame.
     """
     with path.open(encoding="utf-8-sig", newline="") as stream:
         lines = [line for line in stream if line.strip() and not line.startswith("#")]
     columns = _split(lines[0])
-    rows = [dict(zip(columns, map(str.strip, cells), strict=False)) for cells in csv.reader(lines[1:])]
+    rows = _rows(path, columns, lines[1:])
     clock = next((name for name in ("frame", "time_s") if name in columns), None)
     if clock is None or not rows:
         raise ResultsError(
             f"{path}: expected rows with a column frame or time_s, got columns {columns} and {len(rows)} rows; add it"
         )
     stds = next((pair for pair in (("std_u", "std_v"), ("std", "std")) if {*pair} <= {*columns}), None)
-    names = tuple(dict.fromkeys(row.get("point", "") for row in rows))
+    names = tuple(dict.fromkeys(row["point"] for row in rows))
     values = np.array([_numbers(path, number, row, (clock, "u", "v")) for number, row in enumerate(rows, start=2)])
     times, at = np.unique(values[:, 0], return_inverse=True)
-    place = at, np.array([names.index(row.get("point", "")) for row in rows])
+    place = at, np.array([names.index(row["point"]) for row in rows])
     if len({*zip(*(one.tolist() for one in place), strict=True)}) < len(rows):
         raise ResultsError(f"{path}: expected one row a point and frame, got several; remove what is there twice")
     shape = len(times), len(names)
@@ -72,11 +73,25 @@ def read_table(path: Path) -> ForeignTracks:
         position[place[0][codes % Status.UNRELIABLE > 0], place[1][codes % Status.UNRELIABLE > 0]] = np.nan
     if clock == "time_s":
         return ForeignTracks(position, std, doubtful, names, time_s=times)
-    if not np.array_equal(times, np.rint(times)) or times.min() < 0:
-        raise ResultsError(
-            f"{path}: expected whole numbers of frames from 0 on, got {times[:3].tolist()}; correct them"
-        )
-    return ForeignTracks(position, std, doubtful, names, frames=times.astype(np.int64))
+    return ForeignTracks(position, std, doubtful, names, frames=whole_frames(path, times))
+
+
+def _rows(path: Path, columns: Sequence[str], lines: Sequence[str]) -> list[dict[str, str]]:
+    """Cells of each row by column. Other cells than columns are decimal commas, or a quote that is not closed."""
+    if len({*columns}) < len(columns):
+        raise ResultsError(f"{path}: expected each column once, got {', '.join(columns)}; rename what is there twice")
+    rows = []
+    try:
+        for number, cells in enumerate(csv.reader(lines, strict=True), start=2):
+            if len(cells) != len(columns):
+                raise ResultsError(
+                    f"{path}, row {number}: expected {len(columns)} cells as in the head, got {len(cells)}; write "
+                    "decimal points, and quotes around names with commas"
+                )
+            rows.append(dict(zip(columns, map(str.strip, cells), strict=True)))
+    except csv.Error as error:
+        raise ResultsError(f"{path}: expected a table, got: {error}; look for a quote that is not closed") from error
+    return rows
 
 
 def _split(head: str) -> list[str]:
@@ -85,7 +100,7 @@ def _split(head: str) -> list[str]:
 
 def _numbers(path: Path, number: int, row: dict[str, str], columns: Sequence[str]) -> list[float]:
     try:
-        return [float(row.get(name) or "nan") for name in columns]
+        return [float(row[name] or "nan") for name in columns]
     except ValueError as error:
         raise ResultsError(f"{path}, row {number}: expected numbers in {', '.join(columns)}, got: {error}") from error
 

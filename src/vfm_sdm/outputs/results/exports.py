@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from scipy.io import savemat
+from scipy.io.matlab import MatWriteError
 
 from vfm_sdm.core.arrays import time_blocks
 from vfm_sdm.core.datasets import START, STATUS_MEANINGS, check_displacement
@@ -193,6 +194,11 @@ def to_mat(path: Path, displacement: xr.Dataset) -> None:
     displacement
         Displacement dataset, shape (T, P, 3) [mm].
 
+    Raises
+    ------
+    ResultsError
+        An array is too large for the format.
+
     Notes
     -----
     The variables are ``time_s`` (T, 1), ``points`` and ``axes`` (cell arrays), ``displacement_mm``,
@@ -221,7 +227,13 @@ def to_mat(path: Path, displacement: xr.Dataset) -> None:
             content[f"{name}_mm"] = displacement[name].transpose(*dims).values
         content["uncertainty_mm"] = displacement["uncertainty"].transpose(*dims, "component").values
         content["components"] = np.array(_names(displacement, "component"), dtype=object)
-    savemat(path, content, appendmat=False, long_field_names=True, oned_as="column", do_compression=True)
+    try:
+        savemat(path, content, appendmat=False, long_field_names=True, oned_as="column", do_compression=True)
+    except MatWriteError as error:
+        raise ResultsError(
+            "expected arrays below 4 GB, more than which MATLAB's version 5 cannot hold, got larger ones; MATLAB reads "
+            "displacement.nc, too (ncread)"
+        ) from error
 
 
 def _names(data: xr.Dataset, dim: str) -> list[str]:

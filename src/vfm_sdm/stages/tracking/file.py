@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from pathlib import Path
 from typing import Annotated
+from unicodedata import normalize
 
 import numpy as np
 import xarray as xr
@@ -20,6 +21,8 @@ from vfm_sdm.stages.tracking.inputs import check_points, follow_frames
 
 __all__ = ["FileTracker", "TrackFiles"]
 
+_MOST_PX = 1e6
+"""No picture is as wide [px]."""
 _NEAR_PX = 5.0
 """How far a subset, or the first position of a track, may lie from where the point is named or was found [px]."""
 
@@ -128,6 +131,7 @@ class FileTracker:
             # Programs that begin with the first frame that moved say nothing of the reference frame itself.
             if 0 not in numbers:
                 position[0], std[0] = points, std[numbers[0]]
+        _check_sizes(position, std, path)
         _check_places(position, points, names, path)
         std = np.where(np.isfinite(std) & (std > 0), std, self.settings.std_px)
         status = np.where(
@@ -165,6 +169,11 @@ def _frames_of(found: ForeignTracks, time_s: FloatArray, path: Path) -> IntArray
                 f"{path}: expected a table for each of the {count} frames, or for all but the first, got {rows}; run "
                 "the other program on the whole recording"
             )
+        if rows < count and (found.position[0] == 0).all():
+            raise SessionError(
+                f"{path}: expected a table for each of the {count} frames, got {rows}, of which the first has no "
+                "motion at all, as that of the reference frame has: another one is missing; run the other program again"
+            )
         numbers = np.arange(count - rows, count)
     if numbers.max(initial=0) >= count:
         raise SessionError(
@@ -177,13 +186,17 @@ def _frames_of(found: ForeignTracks, time_s: FloatArray, path: Path) -> IntArray
 def _choose(found: ForeignTracks, points: FloatArray, names: Sequence[str], path: Path) -> list[int]:
     """Which of a file's tracks is each point's."""
     if found.homes is None:
-        missing = [name for name in names if name not in found.names]
+        # Some systems take letters apart, u and two dots; and tables have no blanks around names.
+        known = {_compose(name): at for at, name in enumerate(found.names)}
+        known |= {name: known[_compose(name)] for name in names if _compose(name) in known}
+        known |= {name: at for at, name in enumerate(found.names)}
+        missing = [name for name in names if name not in known]
         if missing:
             raise SessionError(
                 f"{path}: expected points {', '.join(map(repr, missing))}, got {', '.join(map(repr, found.names))}; "
                 "give them the session's names"
             )
-        return [found.names.index(name) for name in names]
+        return [known[name] for name in names]
     distances = np.linalg.norm(points[:, None] - found.homes, axis=2)
     chosen = distances.argmin(axis=1)
     far = [
@@ -197,9 +210,24 @@ def _choose(found: ForeignTracks, points: FloatArray, names: Sequence[str], path
     return [int(one) for one in chosen]
 
 
+def _compose(name: str) -> str:
+    return normalize("NFC", name.strip())
+
+
+def _check_sizes(position: FloatArray, std: FloatArray, path: Path) -> None:
+    """Refuses positions and standard deviations that are no pixels."""
+    if (np.abs(position) > _MOST_PX).any() or not (np.isnan(std) | ((std >= 0) & (std <= _MOST_PX))).all():
+        raise SessionError(
+            f"{path}: expected positions within {_MOST_PX:g} px, and standard deviations from 0 (not known) to "
+            f"{_MOST_PX:g} px, got others; correct them, or leave the cells empty"
+        )
+
+
 def _check_places(position: FloatArray, points: FloatArray, names: Sequence[str], path: Path) -> None:
     """Refuses tracks that begin elsewhere than their points: of another frame, or with another origin of pixels."""
-    away = np.linalg.norm(position[0] - points, axis=1)
+    # What is lost in the first frame begins later.
+    first = np.isfinite(position).all(axis=2).argmax(axis=0)
+    away = np.linalg.norm(position[first, np.arange(len(names))] - points, axis=1)
     far = [f"{name} ({one:.1f} px)" for name, one in zip(names, away, strict=True) if one > _NEAR_PX]
     if far:
         raise SessionError(

@@ -12,6 +12,7 @@ import xarray as xr
 from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.files import distinct_stem, file_stem, write_file
 from vfm_sdm.core.netcdf import read_points, read_tracks
+from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import BackendUnavailableError, ResultsError
 from vfm_sdm.inputs.session import Session, read_session
@@ -62,7 +63,7 @@ class FramePicture:
         return self.video.single(self.number).color_frame(self.number)
 
 
-def find_frames(source: Path | str) -> Iterator[FramePicture]:
+def find_frames(source: Path | str, *, progress: Progress | None = None) -> Iterator[FramePicture]:
     """First frames of all views, and those of points that come into view later.
 
     Parameters
@@ -70,6 +71,8 @@ def find_frames(source: Path | str) -> Iterator[FramePicture]:
     source
         A session's file, with or without points; the folder of a finished run, whose points are drawn in every view
         with the subsets that were compared; or a video.
+    progress
+        Called with what is being done: subsets of many points take minutes.
 
     Raises
     ------
@@ -86,7 +89,7 @@ def find_frames(source: Path | str) -> Iterator[FramePicture]:
     path = Path(source)
     if path.suffix.lower() == ".toml":
         session = read_session(path, points_needed=False)
-        yield from _frames_of(session, None, {})
+        yield from _frames_of(session, None, {}, progress)
     elif path.is_dir():
         if not (path / SESSION).is_file():
             raise ResultsError(
@@ -94,7 +97,7 @@ def find_frames(source: Path | str) -> Iterator[FramePicture]:
                 "the folder of a finished run"
             )
         tracks = read_tracks(path) if (path / "tracks.nc").exists() else {}
-        yield from _frames_of(read_session(path / SESSION), read_points(path), tracks)
+        yield from _frames_of(read_session(path / SESSION), read_points(path), tracks, progress)
     else:
         yield FramePicture(path.stem, 0, open_video(path))
 
@@ -132,9 +135,11 @@ def _title(one: FramePicture) -> str:
     return f"{one.view}, {which}, {width} x {height} px{squares}"
 
 
-def _frames_of(session: Session, points: xr.Dataset | None, tracks: Mapping[str, xr.Dataset]) -> Iterator[FramePicture]:
+def _frames_of(
+    session: Session, points: xr.Dataset | None, tracks: Mapping[str, xr.Dataset], progress: Progress | None
+) -> Iterator[FramePicture]:
     """Frames of a session, with the points of a run or those that it names."""
-    measurement = Measurement(session)
+    measurement = Measurement(session, progress=progress)
     static = {point.name: point.static for point in session.point}
     default = session.method.usual_subset_px
     # A run compared nothing at a point that it refused; of a session it is shown what would be compared.

@@ -39,7 +39,10 @@ def test_hash_and_fields_of_a_session_are_those_without_it():
         ({"date": "yesterday"}, "report.date"),
         ({"client": ""}, "report.client"),
         ({"client": "two\nlines"}, "report.client"),
+        ({"client": "city \u202e"}, "report.client: expected letters that can be seen, without control characters and"),
         ({"remarks": "\x07"}, "report.remarks"),
+        ({"remarks": "one\n\u2066two"}, "report.remarks"),
+        ({"remarks": "\n \t"}, "report.remarks"),
         ({"customer": "city"}, "report.customer"),
     ],
 )
@@ -47,6 +50,11 @@ def test_what_cannot_be_is_refused(table, message):
     with pytest.raises(SessionError) as caught:
         Session(**FIELDS, report=table)
     assert message in str(caught.value)
+
+
+def test_remarks_may_have_lines_and_stops():
+    said = "bays\t3\n\nעברית 🌉"
+    assert Report(remarks=said).remarks == said
 
 
 def test_nothing_need_be_said():

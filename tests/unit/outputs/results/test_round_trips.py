@@ -8,11 +8,13 @@ import pandas as pd
 import pytest
 import xarray as xr
 from scipy.io import loadmat
+from scipy.io.matlab import MatWriteError
 
 from measurements import measured, simulate
 from vfm_sdm.core.datasets import STRUCTURE_AXES
 from vfm_sdm.core.netcdf import read_displacement, read_tracks, write_displacement, write_tracks
-from vfm_sdm.outputs.results import write_export, write_movement
+from vfm_sdm.errors import ResultsError
+from vfm_sdm.outputs.results import exports, write_export, write_movement
 
 START = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
 
@@ -58,6 +60,18 @@ def test_matlab_has_the_budget(displacement, tmp_path):
     assert [str(cell[0]) for cell in content["components"][:, 0]] == list(displacement["component"].values)
     np.testing.assert_allclose(content["expanded_uncertainty_mm"], 2 * content["combined_std_mm"])
     assert content["start"][0] == "2026-05-04T12:30:01.500000+00:00"
+
+
+def test_what_is_too_large_for_matlab_is_one_clear_error(displacement, tmp_path, monkeypatch):
+    """It needs 4 GB in one array, such as the budget of two hours of 60 points."""
+
+    def refuse(*_, **__):
+        raise MatWriteError("Matrix too large to save with Matlab 5 format")
+
+    monkeypatch.setattr(exports, "savemat", refuse)
+    with pytest.raises(ResultsError, match=r"displacement\.mat: expected arrays below 4 GB, .* displacement\.nc, too"):
+        write_export("mat", tmp_path, displacement)
+    assert not list(tmp_path.iterdir())
 
 
 def open_plain(path, engine):

@@ -1,5 +1,7 @@
 """Finished tracks of other programs: every form gives the motion that was written, and what does not fit is named."""
 
+from unicodedata import normalize
+
 import cv2
 import numpy as np
 import pytest
@@ -153,6 +155,26 @@ def write_lines(path, *lines):
         (["frame,point,u,v", "0,mid,x,2"], ResultsError, "row 2: expected numbers in frame, u, v"),
         (["frame,point,u,v", "0,mid,1,2", "0,mid,1,2"], ResultsError, "expected one row a point and frame"),
         (["frame,point,u,v", "0.5,mid,1,2"], ResultsError, "expected whole numbers of frames"),
+        (["frame,point,u,v", "1e300,mid,1,2"], ResultsError, r"expected whole numbers of frames .* got 1e\+300"),
+        (["frame,point,u,v", ",mid,1,2"], ResultsError, "expected whole numbers of frames .* got nan"),
+        (
+            ["frame,point,u,v", "0,mid,60,25,40,5"],
+            ResultsError,
+            "row 2: expected 4 cells as in the head, got 6; write dec",
+        ),
+        (["frame,point,u,v,status", "0,mid,60,40"], ResultsError, "row 2: expected 5 cells as in the head, got 4"),
+        (["frame,point,u,v,u", "0,mid,60,40,3"], ResultsError, "expected each column once, got frame, point, u, v, u"),
+        (["frame,point,u,v", '0,"mid,60,40', "1,mid,60,40"], ResultsError, "look for a quote that is not closed"),
+        (["frame;point;u;v", "0;mid;60,5;40,1"], ResultsError, "separated by commas, got 'frame;point;u;v'"),
+        *(
+            (
+                ["frame,point,u,v,std", '0,"pier, süd",150,80,0', f"0,mid,{u},40,{std}"],
+                SessionError,
+                "expected positions within 1e.06 px, and standard deviations from 0",
+            )
+            for u, std in (("inf", "0"), ("60", "-0.1"), ("60", "inf"), ("60", "1e300"))
+        ),
+        (["frame,point,u,v", "1,mid,80,40", '0,"pier, süd",150,80'], SessionError, r"begin within 5 px.*mid \(19.8 px"),
         (["frame,point,u,v,status", "0,mid,1,2,good"], ResultsError, "expected a status of ok, lost"),
         (["frame,point,u,v", "0,mid,60,40"], SessionError, "expected points 'pier, süd', got 'mid'"),
         (["frame,point,u,v", "99,mid,60,40", '0,"pier, süd",1,1'], SessionError, "expected frames 0 to 11"),
@@ -165,6 +187,63 @@ def test_what_does_not_fit_is_named(video, tmp_path, lines, error, message):
         lines = [*lines, "0.061,mid,60,40", '0.0612,"pier, süd",150,80']
     with pytest.raises(error, match=message):
         track(video, write_lines(tmp_path / "left.csv", *lines))
+
+
+def make_poses(**changed):
+    position = np.moveaxis(HOMES + motion(), 2, 1)[..., None]
+    made = xr.Dataset(
+        {"position": (("time", "space", "keypoints", "individuals"), position)},
+        coords={"time": np.arange(FRAMES), "space": ["x", "y"], "keypoints": list(NAMES), "individuals": ["id_0"]},
+        attrs={"time_unit": "frames"},
+    )
+    return made.assign(changed)
+
+
+@pytest.mark.parametrize(
+    ("poses", "message"),
+    [
+        (make_poses().assign_coords(time=np.arange(FRAMES) - 3), "expected whole numbers of frames .* got -3"),
+        (make_poses().assign_coords(time=np.arange(FRAMES) + 0.5), "expected whole numbers of frames .* got 0.5"),
+        (make_poses().assign_coords(time=np.zeros(FRAMES)), "each once, got one of them twice"),
+        (make_poses().assign_coords(keypoints=["mid", "mid"]), "expected each point once, got 'mid', 'mid'"),
+        (make_poses().isel(time=slice(0)), "expected position .* with x and y alone"),
+        (make_poses().isel(space=[0, 1, 0]).assign_coords(space=["x", "y", "z"]), "with x and y alone"),
+        (make_poses(confidence=("time", np.ones(FRAMES))), "got .*, other confidence; write it"),
+        (make_poses(position_std=(("time", "keypoints"), np.ones((FRAMES, 2)))), "got .*, other position_std"),
+        (make_poses().astype(str), "got .*, other position; write it"),
+    ],
+)
+def test_poses_that_do_not_fit_are_named(video, tmp_path, poses, message):
+    poses.to_netcdf(tmp_path / "poses.nc", engine="h5netcdf")
+    with pytest.raises(ResultsError, match=message):
+        track(video, tmp_path / "poses.nc")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+def test_tables_in_other_letters_are_named(video, tmp_path, encoding):
+    path = write_table(tmp_path / "left.csv")
+    path.write_text(path.read_text(encoding="utf-8"), encoding=encoding)
+    with pytest.raises(ResultsError, match=r"expected a table in UTF-8, got: .*; save it as CSV UTF-8"):
+        track(video, path)
+
+
+def test_letters_may_be_taken_apart_and_lines_end_as_on_windows(video, tmp_path):
+    path = write_table(tmp_path / "left.csv")
+    text = normalize("NFD", path.read_text(encoding="utf-8")).replace("\n", "\r\n")
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    check(track(video, path))
+
+
+@pytest.mark.parametrize("spoil", [lambda path: path.unlink(), lambda path: path.write_text("x;y\n1,5;2,5\n")])
+@pytest.mark.parametrize(
+    ("number", "message"), [(5, "got none between DICe_solution_4.txt and "), (11, "another one is")]
+)
+def test_a_table_that_is_missing_moves_no_frames(video, tmp_path, spoil, number, message):
+    """Eleven of twelve could be all but the first: every frame before the gap would be the next one's."""
+    write_dice(tmp_path / "dice")
+    spoil(tmp_path / "dice" / f"DICe_solution_{number}.txt")
+    with pytest.raises((ResultsError, SessionError), match=message):
+        track(video, tmp_path / "dice")
 
 
 def test_tables_that_do_not_fit_are_named(video, tmp_path):
