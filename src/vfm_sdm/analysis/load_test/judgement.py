@@ -149,31 +149,28 @@ def _draw(one: xr.Dataset, intervals: list[tuple[float, float]], stream: tuple[i
     time_s, values = one["time"].values, one["displacement"].values
     ok = one["status"].values == Status.OK
     rng = np.random.default_rng((_SEED, *stream))
+    budget = one["uncertainty"].transpose("component", "time").sel(component=[*_SCALING, *_STEADY]).values
     levels, scaling, steady = [], [], []
     for begin, end in intervals:
         inside = (time_s >= begin) & (time_s <= end)
         level = find_level(values[inside], ok[inside])
         levels.append(level)
-        good = inside & ok
-        budget = one["uncertainty"].values[:, good]
-        names = [str(name) for name in one["component"].values]
-        sizes = {
-            name: float(np.sqrt(np.mean(part**2))) if part.size else np.nan
-            for name, part in zip(names, budget, strict=True)
-        }
-        scaling.append([np.sign(level.value_mm) * sizes[name] for name in _SCALING])
-        steady.append(np.sqrt(sum(sizes[name] ** 2 for name in _STEADY)))
+        squares = np.where(inside & ok, np.square(budget), np.nan)
+        size = np.sqrt(np.nanmean(squares, axis=1)) if level.freedom else np.full(len(squares), np.nan)
+        # These grow with what moves, vibration included; of a level, with the level alone.
+        moving = np.sqrt(np.mean(np.square(values[inside & ok]))) if level.freedom else np.nan
+        scaling.append(level.value_mm / moving * size[: len(_SCALING)] if moving else 0 * size[: len(_SCALING)])
+        steady.append(np.sqrt(np.sum(size[len(_SCALING) :] ** 2)))
     value = np.array([level.value_mm for level in levels])
     std = np.array([level.std_mm for level in levels])
     if not np.isfinite(value[0]):
         return np.full((_DRAWS, len(levels)), np.nan)
-    size = (_DRAWS, len(levels))
-    freedom = max(levels[0].freedom, 1)
-    scatter = std * rng.standard_t(freedom, size) + np.array(steady) * rng.standard_normal(size)
+    shape = (_DRAWS, len(levels))
+    scatter = std * rng.standard_t(levels[0].freedom, shape) + np.array(steady) * rng.standard_normal(shape)
     growth = rng.standard_normal((_DRAWS, len(_SCALING))) @ np.array(scaling).T
     drawn = value + scatter + growth
     drawn[0] = value
-    return drawn - drawn[:, :1]
+    return np.asarray(drawn - drawn[:, :1])
 
 
 def _judge(
