@@ -35,6 +35,7 @@ _COMMANDS = {
     "frames": "frames:frames",
     "lens": "lens:lens",
     "plan": "planning:plan",
+    "load-test": "load_test:load_test",
     "points": "points:points",
     "watch": "watch:watch",
 }
