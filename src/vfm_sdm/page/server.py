@@ -61,6 +61,7 @@ def serve(page: PageState, *, port: int | None = None, browser: bool = True, tel
         tell(address)
         if browser:
             webbrowser.open(address)
+        await run.io_bound(page.wait)  # which everybody looks at first
         await run.io_bound(lambda: [_step(name) for name in _STEPS])
 
     # Startup ends before the port is open.

@@ -34,10 +34,17 @@ class PageState:
         self._pictures: dict[str, Pictures] = {}
         self._sight: tuple[str, Sight] | None = None
         self._lock = Lock()
+        self._begun: Thread | None = None
 
     def begin(self) -> None:
         """Begins to make the first pictures of all views, while the page is built."""
-        Thread(target=self._make_first, daemon=True).start()
+        self._begun = Thread(target=self._make_first, daemon=True)
+        self._begun.start()
+
+    def wait(self) -> None:
+        """Waits until the first pictures that were begun are there."""
+        if self._begun is not None:
+            self._begun.join()
 
     def _make_first(self) -> None:
         with suppress(VfmSdmError):  # whoever asks for a picture is told
