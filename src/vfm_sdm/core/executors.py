@@ -13,6 +13,7 @@ from concurrent.futures import (
     Executor,
     Future,
     ProcessPoolExecutor,
+    ThreadPoolExecutor,
     wait,
 )
 from contextlib import contextmanager, suppress
@@ -21,7 +22,7 @@ from typing import Any, TypeVar
 
 from vfm_sdm.errors import BackendUnavailableError
 
-__all__ = ["ProcessWorkers", "cluster_workers", "run_tasks"]
+__all__ = ["ProcessWorkers", "ThreadWorkers", "cluster_workers", "run_tasks"]
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -87,6 +88,26 @@ class ProcessWorkers(Executor):
 
     def _begin(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self.workers, self._context, _stay_with_parent, (self._heard,))
+
+
+class ThreadWorkers(ThreadPoolExecutor):
+    """Threads of this process, which say how many they are.
+
+    Parameters
+    ----------
+    workers
+        Number of threads.
+
+    Examples
+    --------
+    >>> with ThreadWorkers(2) as threads:
+    ...     threads.workers, threads.submit(abs, -2).result()
+    (2, 2)
+    """
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers)
+        self.workers = workers
 
 
 @contextmanager

@@ -172,7 +172,7 @@ class SegmentTracker(Protocol):
     """A tracker that follows points through a segment of a recording without the segments before it.
 
     One with an attribute ``takes_later_points``, which is true, also follows points that are named in other frames than
-    the first (`Targets.named`).
+    the first (`Targets.named`); one with an attribute ``at_once`` follows several segments in threads of one process.
 
     Its `Tracker.track` is `judge` of the record that `follow` makes of the whole recording.
     """

@@ -106,6 +106,7 @@ class IcgnTracker:
 
     name = "icgn"
     in_one_piece = False
+    at_once = True
     takes_later_points = True
     compares_designed_subsets = True
 

@@ -1,18 +1,20 @@
 """A view in segments: each is tracked by itself, in this process or another one, and all are judged together."""
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import CancelledError, Executor
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
+from threading import Event, Lock
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.block_files import JoinedBlocks
-from vfm_sdm.core.executors import run_tasks
+from vfm_sdm.core.executors import ThreadWorkers, run_tasks
 from vfm_sdm.core.pieces import Pieces
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import RecordingStatus
@@ -35,6 +37,8 @@ __all__ = [
     "track_segments",
 ]
 
+_MOST_AT_ONCE = 4
+"""Segments in work at once in one process: each takes memory, and processes scale further."""
 _PASS = "pass_"
 _PASS_DIMS = {
     "time_s": ("frame",),
@@ -53,7 +57,8 @@ class Work:
     segment_s
         Nominal length of a segment [s].
     executor
-        Who works: processes, a cluster; ``None`` is this process.
+        Who works: processes, a cluster; ``None`` is this process, in which as many segments are in work as it has
+        processors, where the tracker can.
     pieces
         Where segments are kept for a run that is cut short; in memory without.
     folder
@@ -269,7 +274,7 @@ def track_segments(
         view, number = place
         return track_segment(plans[view][number], _named(progress, view))
 
-    left = []
+    left: list[tuple[str, int]] = []
     if pieces is not None:
         pieces.tidy()
     for view, number in places:
@@ -278,14 +283,17 @@ def track_segments(
             left.append((view, number))
         else:
             frames[view] += found.sizes["time"]
-    if work.executor is None:
+    tasks = [plans[view][number].on_one_thread() for view, number in left]
+    if work.executor is not None:
+        failed = run_tasks(track_segment, tasks, work.executor, keep)
+    elif (at_once := _count_at_once(plans)) > 1:
+        tell = _tell_of_views(progress, frames, left, plans)
+        failed = _track_in_threads(tasks, at_once, keep, tell)
+    else:
         try:
             failed = run_tasks(track_here, left, None, keep)
         except _ToldError as told:
             raise told.error from told.error.__cause__
-    else:
-        tasks = [plans[view][number].on_one_thread() for view, number in left]
-        failed = run_tasks(track_segment, tasks, work.executor, keep)
     errors = {left[index]: error for index, error in failed.items()}
     return {
         view: TrackedSegments(
@@ -296,6 +304,71 @@ def track_segments(
         )
         for view, of_view in plans.items()
     }
+
+
+def _tell_of_views(
+    progress: Progress | None,
+    found: Mapping[str, int],
+    left: Sequence[tuple[str, int]],
+    plans: Mapping[str, Sequence[SegmentTask]],
+) -> Callable[[int, int], None]:
+    """Progress of views by that of their segments: beside the frames found before, those done of all that are left."""
+    before, begun = dict(found), dict.fromkeys(range(len(left)), 0)
+
+    def tell(index: int, done: int) -> None:
+        view, _ = left[index]
+        begun[index] = done
+        if progress is not None:
+            count = sum(begun[other] for other, (name, _) in enumerate(left) if name == view)
+            progress(f"tracking {view}", before.get(view, 0) + count, plans[view][0].segment.info.frame_count)
+
+    return tell
+
+
+def _count_at_once(plans: Mapping[str, Sequence[SegmentTask]]) -> int:
+    """Segments that are in work at once in this process: of short recordings one, with all processors."""
+    divided = any(len(tasks) > 1 for tasks in plans.values())
+    able = all(getattr(tasks[0].tracker, "at_once", False) for tasks in plans.values())
+    return min(os.cpu_count() or 1, _MOST_AT_ONCE) if divided and able else 1
+
+
+def _track_in_threads(
+    tasks: Sequence[SegmentTask],
+    count: int,
+    keep: Callable[[int, xr.Dataset], None],
+    tell: Callable[[int, int], None],
+) -> dict[int, Exception]:
+    """Tracks segments in so many threads; whatever ends this ends them within a frame.
+
+    ``tell`` is called with the number of the task and the frames done of it, by one thread at a time.
+    """
+    lock, errors = Lock(), list[Exception]()
+
+    def track(number: int) -> xr.Dataset:
+        def go_on(_: str, done: int, __: int | None) -> None:
+            with lock:
+                if ended.is_set():
+                    raise CancelledError
+                try:
+                    tell(number, done - tasks[number].first)
+                except Exception as error:
+                    errors.append(error)
+                    ended.set()
+                    raise
+
+        return track_segment(tasks[number], go_on)
+
+    ended = Event()
+    # What each of them limits for itself would else be lifted for the others when the first one ends.
+    with small_algebra(), ThreadWorkers(count) as executor:
+        try:
+            failed = run_tasks(track, range(len(tasks)), executor, keep)
+        except BaseException:
+            ended.set()
+            raise
+    if errors:
+        raise errors[0]
+    return failed
 
 
 def track_segment(task: SegmentTask, progress: Progress | None = None) -> xr.Dataset:
