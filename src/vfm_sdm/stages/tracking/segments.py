@@ -286,12 +286,13 @@ def track_segments(
     tasks = [plans[view][number].on_one_thread() for view, number in left]
     if work.executor is not None:
         failed = run_tasks(track_segment, tasks, work.executor, keep)
-    elif (at_once := _count_at_once(plans)) > 1:
-        tell = _tell_of_views(progress, frames, left, plans)
-        failed = _track_in_threads(tasks, at_once, keep, tell)
     else:
         try:
-            failed = run_tasks(track_here, left, None, keep)
+            if (at_once := _count_at_once(plans)) > 1:
+                tell = _tell_of_views(progress, frames, left, plans)
+                failed = _track_in_threads(tasks, at_once, keep, tell)
+            else:
+                failed = run_tasks(track_here, left, None, keep)
         except _ToldError as told:
             raise told.error from told.error.__cause__
     errors = {left[index]: error for index, error in failed.items()}
@@ -313,14 +314,14 @@ def _tell_of_views(
     plans: Mapping[str, Sequence[SegmentTask]],
 ) -> Callable[[int, int], None]:
     """Progress of views by that of their segments: beside the frames found before, those done of all that are left."""
-    before, begun = dict(found), dict.fromkeys(range(len(left)), 0)
+    frames, begun, told = Counter(found), Counter[int](), _tagged(progress)
 
     def tell(index: int, done: int) -> None:
         view, _ = left[index]
+        frames[view] += done - begun[index]
         begun[index] = done
-        if progress is not None:
-            count = sum(begun[other] for other, (name, _) in enumerate(left) if name == view)
-            progress(f"tracking {view}", before.get(view, 0) + count, plans[view][0].segment.info.frame_count)
+        if told is not None:
+            told(f"tracking {view}", frames[view], plans[view][0].segment.info.frame_count)
 
     return tell
 
@@ -342,33 +343,24 @@ def _track_in_threads(
 
     ``tell`` is called with the number of the task and the frames done of it, by one thread at a time.
     """
-    lock, errors = Lock(), list[Exception]()
+    lock, ended = Lock(), Event()
 
     def track(number: int) -> xr.Dataset:
         def go_on(_: str, done: int, __: int | None) -> None:
             with lock:
                 if ended.is_set():
                     raise CancelledError
-                try:
-                    tell(number, done - tasks[number].first)
-                except Exception as error:
-                    errors.append(error)
-                    ended.set()
-                    raise
+                tell(number, done - tasks[number].first)
 
         return track_segment(tasks[number], go_on)
 
-    ended = Event()
     # What each of them limits for itself would else be lifted for the others when the first one ends.
     with small_algebra(), ThreadWorkers(count) as executor:
         try:
-            failed = run_tasks(track, range(len(tasks)), executor, keep)
+            return run_tasks(track, range(len(tasks)), executor, keep)
         except BaseException:
             ended.set()
             raise
-    if errors:
-        raise errors[0]
-    return failed
 
 
 def track_segment(task: SegmentTask, progress: Progress | None = None) -> xr.Dataset:
@@ -485,12 +477,18 @@ class _ToldError(BaseException):
 
 def _named(progress: Progress | None, view: str) -> Progress | None:
     """Progress that also says which view it is about."""
+    told = _tagged(progress)
+    return None if told is None else lambda what, done, total: told(f"{what} {view}", done, total)
+
+
+def _tagged(progress: Progress | None) -> Progress | None:
+    """Progress whose own errors are told from those of a segment."""
     if progress is None:
         return None
 
     def tell(what: str, done: int, total: int | None) -> None:
         try:
-            progress(f"{what} {view}", done, total)
+            progress(what, done, total)
         except Exception as error:
             raise _ToldError(error) from error
 
