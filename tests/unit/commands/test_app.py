@@ -21,7 +21,7 @@ def loaded_after(code):
 def test_help_of_the_program_says_what_every_command_does(command, name):
     _, out, _ = command("--help")
     (line,) = (line for line in out.splitlines() if line.startswith(f"│ {name} "))
-    assert len(line.removeprefix(f"│ {name}").strip(" │").split()) > 3
+    assert len(line.removeprefix(f"│ {name}").strip(" │").split()) > 1  # also on a narrow terminal
 
 
 def test_what_needs_no_measurement_loads_none():
