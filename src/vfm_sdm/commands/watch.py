@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.options import name_values
-from vfm_sdm.commands.terminal import OUT, say_json
+from vfm_sdm.commands.terminal import OUT, note, say_json
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import read_session
@@ -115,8 +115,7 @@ def watch(
         _print_line(time.monotonic() - began, last, ended=reason)
         return
     OUT.print(_report(last))
-    for note in watched.notes:
-        OUT.print(f"note: {note}", style="yellow", highlight=False)
+    note(watched.notes)
     OUT.print(f"ended after {time.monotonic() - began:.1f} s: {reason}", highlight=False)
 
 

@@ -128,9 +128,7 @@ def _find_intervals(data: xr.Dataset, plan: LoadPlan) -> list[tuple[float, float
     """When each step stood [s]."""
     time_s = data["time"].values
     if not plan.timed:
-        ok = data["status"].values == Status.OK
-        values = np.where(ok[..., None] if ok.ndim == 2 else ok, data["displacement"].values, np.nan)
-        series = values.reshape(len(time_s), -1)
+        series = data["displacement"].where(data["status"] == Status.OK).values.reshape(len(time_s), -1)
         series = series[:, np.isfinite(series).mean(axis=0) > 0.5]
         if not series.shape[1]:
             raise DatasetError("load test: expected points that were measured, got none; state when each step stood")
