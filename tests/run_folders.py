@@ -1,5 +1,6 @@
 """Run folders of simulated measurements, in a second and without films: a session, tracks and cameras given."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -33,6 +34,7 @@ def write_run(
     duration_s: float = 4.0,
     names: tuple[str, ...] = (),
     lost: tuple[str, ...] = (),
+    motion: Callable[[np.ndarray], np.ndarray] | None = None,
     **session: Any,
 ) -> tuple[Measurement, Simulated]:
     """A run folder with so many moving points along the face, which swing at 2.5 Hz, and three static points.
@@ -49,6 +51,8 @@ def write_run(
         Names of the first points, in place of ``p0``, ``p1``, ...
     lost
         Points that are never seen.
+    motion
+        Of the middle of the points by time, shapes (T,) [s] -> (T,), 4 mm downwards at 1.
     **session
         Fields of the session that differ; of its views those that are measured.
     """
@@ -62,7 +66,7 @@ def write_run(
         cameras = replace(cameras, frame=None)
     if len(measured.view) == 1:
         cameras = CameraSolution(None, None, None, points.isel(view=[0]), status=CameraStatus.ONE_VIEW)
-    tracks = _track(site, named, places, duration_s, lost)
+    tracks = _track(site, named, places, duration_s, lost, motion or _swing)
     tracks = {view.name: tracks[view.name] for view in measured.view}
     measurement = Measurement(measured).given(cameras=cameras, tracks=tracks, frames={})
     write_products(measurement, folder)
@@ -76,17 +80,26 @@ def _solved_site() -> Simulated:
     return simulate(3, duration_s=1.0, synchronization="none", **known)
 
 
+def _swing(clock: np.ndarray) -> np.ndarray:
+    """Rest, then a vibration."""
+    return np.sin(2 * np.pi * (clock - STILL_S[1]) / PERIOD_S) * (clock >= STILL_S[1])
+
+
 def _track(
-    site: Simulated, named: list[str], places: np.ndarray, duration_s: float, lost: tuple[str, ...]
+    site: Simulated,
+    named: list[str],
+    places: np.ndarray,
+    duration_s: float,
+    lost: tuple[str, ...],
+    history: Callable[[np.ndarray], np.ndarray],
 ) -> dict[str, xr.Dataset]:
     """Tracks of all points by view."""
     clock = np.arange(round(duration_s * FPS)) / FPS
-    swing = np.sin(2 * np.pi * (clock - STILL_S[1]) / PERIOD_S) * (clock >= STILL_S[1])
     # A half wave over the points, in mm, along lateral and vertical.
     moving, shape = len(named) - 3, np.zeros((len(named), 3))
     shape[:moving, 1] = 4.0 * np.sin(np.pi * (np.arange(moving) + 1) / (moving + 1))
     shape[:moving, 0] = 0.5 * shape[:moving, 1]
-    motion = np.einsum("t,pa,ax->tpx", swing, shape / 1e3, site.frame.rotation)
+    motion = np.einsum("t,pa,ax->tpx", history(clock), shape / 1e3, site.frame.rotation)
     rng, tracks = np.random.default_rng(11), {}
     for view, camera in zip(VIEWS, site.rig.cameras, strict=True):
         position = np.stack([camera.project(places + at) for at in motion])

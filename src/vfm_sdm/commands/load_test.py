@@ -1,6 +1,5 @@
 """The command ``load-test``: static levels of every step, and how they compare with what was calculated."""
 
-from io import BytesIO
 from pathlib import Path
 from typing import Annotated
 
@@ -12,13 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import Limits, judge_load_test, read_steps, write_load_test
+from vfm_sdm.commands.runs import about_run, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
-from vfm_sdm.core.files import write_file
-from vfm_sdm.core.netcdf import read_displacement
-from vfm_sdm.core.run_folder import SESSION, RunFolder
-from vfm_sdm.errors import DatasetError
-from vfm_sdm.inputs.session import read_session
-from vfm_sdm.outputs.plots import About, describe_run
 from vfm_sdm.outputs.plots.load_test import draw_load_test
 
 __all__ = ["load_test"]
@@ -43,22 +37,15 @@ def load_test(
     Writes load_test.nc, load_test.csv and figures/load_test.png into the run folder, where `vfm-sdm report` finds them.
     """
     plan = read_steps(steps)
-    displacement = read_displacement(run)
-    if axis not in displacement["axis"].values:
-        known = ", ".join(map(str, displacement["axis"].values))
-        raise DatasetError(f"--axis: expected one of {known}, got {axis}; name one of them")
-    notes = RunFolder(run).check_whole("displacement", displacement.attrs)
+    displacement, notes = read_run(run, axis)
     result = judge_load_test(displacement, plan, Limits(ratio, residual))
     for table in _tabulate(result.sel(axis=axis)):
         OUT.print(table)
     note(notes)
     if result.attrs["stillness"] == "found":
         note(["when each step stood was found in the displacement: compare begin and end with the notes of the test"])
-    file = run / SESSION
-    about = describe_run(read_session(file, check_files=False), None) if file.is_file() else About()
-    buffer = BytesIO()
-    draw_load_test(displacement, result, axis, about).savefig(buffer, format="png", dpi=120)
-    written = [*write_load_test(run, result), write_file(run / "figures" / "load_test.png", buffer.getvalue())]
+    figure = draw_load_test(displacement, result, axis, about_run(run))
+    written = [*write_load_test(run, result), save_figure(figure, run, "load_test")]
     say(f"written: {', '.join(map(str, written))}")
     if not np.isfinite(result["deflection"].sel(axis=axis).values[1:]).any():
         fail(f"no level is known along {axis}: too few samples are ok while the steps stood")
@@ -99,12 +86,12 @@ def _tabulate(result: xr.Dataset) -> list[Table]:
         names,
         (
             "largest mm",
-            "residual mm",
+            "rest mm",
             "share %",
             "from",
             "to",
             f"P(> {100 * most:g} %)",
-            "mm/load",
+            f"mm/{units}",
         ),
     )
     for name in shown:

@@ -286,6 +286,8 @@ _SECTIONS = {
     "audit": Part(_SECTIONS_AT + "checks:describe_audit"),
     "comparison": Part(_SECTIONS_AT + "checks:describe_comparison"),
     "modes": Part(_SECTIONS_AT + "checks:describe_modes"),
+    "load-test": Part(_SECTIONS_AT + "load_test:describe_load_test"),
+    "passages": Part(_SECTIONS_AT + "load_test:describe_passages"),
     "traceability": Part(_SECTIONS_AT + "traceability:describe_traceability"),
 }
 

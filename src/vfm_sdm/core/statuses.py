@@ -14,6 +14,7 @@ __all__ = [
     "InjectionStatus",
     "LensStatus",
     "Outcome",
+    "PassageStatus",
     "PointStatus",
     "ReadingStatus",
     "RecordingStatus",
@@ -248,3 +249,17 @@ class RevisitStatus(StrEnum):
     """A length was measured wrong, or a focal length stated too well."""
     STATIC_MOVED = "static points moved against each other"
     NOT_CONVERGED = "not converged"
+
+
+class PassageStatus(StrEnum):
+    """Whether the amplification of a vehicle's passage is known at a point and along an axis."""
+
+    OK = "ok"
+    GAPS = "gaps"
+    """Samples are missing in the passage, or in the second before it, or the recording ends with it."""
+    NO_FREQUENCY = "no frequency"
+    """The structure shows no clear oscillation, so that nothing says where the static part ends."""
+    TOO_FAST = "too fast"
+    """The passage is too short to tell its static part from the structure's oscillation."""
+    IN_NOISE = "within noise"
+    """The static part is not clear of it."""

@@ -10,7 +10,7 @@ from scipy import signal
 from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, as_float_array, unbroken_runs
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["band_pass", "hampel", "shortest_band_pass_s"]
+__all__ = ["band_pass", "hampel", "low_pass", "shortest_band_pass_s"]
 
 _PERIODS = 2.0
 """Periods of the band's lower edge that a series must hold to be filtered."""
@@ -101,6 +101,43 @@ def shortest_band_pass_s(rate_hz: float, band_hz: tuple[float, float], *, order:
     _check_band(rate_hz, band_hz, order)
     start = 3 * (2 * order + 1) + 1
     return max(math.ceil(_PERIODS / band_hz[0] * rate_hz), start) / rate_hz
+
+
+def low_pass(values: FloatArray, rate_hz: float, cutoff_hz: float, *, order: int = 4) -> FloatArray:
+    """The part of a signal below a frequency, without phase shift.
+
+    Parameters
+    ----------
+    values
+        Any unit, shape (T, ...), evenly sampled along the first axis, without gaps.
+    rate_hz
+        Samples a second [Hz].
+    cutoff_hz
+        Where half the amplitude passes [Hz], below half the sampling rate.
+    order
+        Order of the Butterworth filter, which runs forwards and backwards.
+
+    Returns
+    -------
+    filtered
+        Shape (T, ...), in the unit of the values.
+
+    Raises
+    ------
+    DatasetError
+        The cutoff does not fit the sampling rate, or the order is not positive.
+
+    Examples
+    --------
+    >>> time_s = np.arange(600) / 60
+    >>> slow, fast = np.sin(2 * np.pi * 0.1 * time_s), np.sin(2 * np.pi * 4 * time_s)
+    >>> bool(np.abs(low_pass(slow + fast, 60, 1.0) - slow)[60:-60].max() < 0.005)
+    True
+    """
+    _check_band(rate_hz, (min(cutoff_hz / 2, rate_hz / 8), cutoff_hz), order)
+    sections = signal.butter(order, cutoff_hz, btype="lowpass", fs=rate_hz, output="sos")
+    room = min(len(values) - 1, math.ceil(2 * rate_hz / cutoff_hz))
+    return np.asarray(signal.sosfiltfilt(sections, values, axis=0, padlen=room))
 
 
 def hampel(values: FloatArray, width: int, *, threshold: float = 3.5) -> tuple[FloatArray, BoolArray]:

@@ -30,6 +30,8 @@ _BY_POINT = {
     **dict.fromkeys(("flexibility", "flexibility_std"), "mm"),
 }
 """Units of what is found, by step and by point and axis."""
+_CLEAR = 5.0
+"""Multiples of its standard deviation that a deflection must have for a share of it to be stated."""
 _SEED = 0
 
 
@@ -68,8 +70,9 @@ def judge_load_test(displacement: xr.Dataset, plan: LoadPlan, limits: Limits = L
         step on, its ``combined_std`` and ``expanded_uncertainty`` [mm]; ``calculated`` [mm], ``ratio`` of the measured
         to it, ``ratio_low`` and ``ratio_high`` of 95 % [1], and ``ratio_exceeded``, the probability that it is above
         its limit [1]. By point and axis: ``largest`` deflection and, where the last step is without load, the
-        ``residual`` [mm], its share of the largest, and ``residual_exceeded`` [1]; ``flexibility``, the slope of
-        deflection against load [mm per unit], with its standard deviation. NaN where a level is not known.
+        ``residual`` [mm], its share of a largest that is clear of noise, and ``residual_exceeded`` [1];
+        ``flexibility``, the slope of deflection against load [mm per unit], with its standard deviation. NaN where a
+        level is not known.
 
     Raises
     ------
@@ -201,13 +204,13 @@ def _judge(
     top = int(np.nanargmax(np.abs(deflection)))
     result["largest"] = deflection[top]
     if load[-1] == load[0] and finite[-1] and top not in (0, len(load) - 1):
-        shares = draws[:, -1] / draws[:, top]
-        result |= {
-            "residual": deflection[-1],
-            "residual_share": shares[0],
-            "residual_exceeded": float(np.mean(shares[1:] > limits.residual)),
-        }
-        result["share_low"], result["share_high"] = np.quantile(shares[1:], _COVERAGE)
+        result["residual"] = deflection[-1]
+        # Of a point that did not move it would be noise over noise.
+        if abs(deflection[top]) > _CLEAR * std[top]:
+            shares = draws[:, -1] / draws[:, top]
+            result["residual_share"] = shares[0]
+            result["residual_exceeded"] = float(np.mean(shares[1:] > limits.residual))
+            result["share_low"], result["share_high"] = np.quantile(shares[1:], _COVERAGE)
     centred = load[finite] - load[finite].mean()
     if np.any(centred):
         slopes = draws[:, finite] @ centred / (centred @ centred)

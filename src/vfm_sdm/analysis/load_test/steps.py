@@ -12,9 +12,11 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.sensors.dialect import Table, read_table
 from vfm_sdm.inputs.sensors.numbers import parse_numbers
 
-__all__ = ["LoadPlan", "LoadStep", "read_steps"]
+__all__ = ["LoadPlan", "LoadStep", "read_columns", "read_steps"]
 
 _OWN = ("step", "load", "begin_s", "end_s")
+_NAMES = {*_OWN, "passage", "speed"}
+"""Names of columns, whose letters may be capitals."""
 _UNIT = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
 _FEWEST = 2
 
@@ -84,20 +86,16 @@ def read_steps(path: Path | str) -> LoadPlan:
     >>> plan.unit, plan.steps[1].load, plan.steps[1].calculated_mm
     ('kN', 300.0, {('mid', 'vertical'): -2.5})
     """
-    table = read_table(path)
-    named = [_UNIT.match(name) for name in table.names]
-    names = [name if found is None else found["name"] for name, found in zip(table.names, named, strict=True)]
-    columns = {name.strip().casefold(): number for number, name in enumerate(names)}
+    columns = read_columns(path)
     if "load" not in columns:
-        raise DatasetError(f"{path}: expected a column load, got {', '.join(table.names)}; name the loads' column so")
+        raise DatasetError(f"{path}: expected a column load, got {', '.join(columns)}; name the loads' column so")
     if ("begin_s" in columns) != ("end_s" in columns):
         raise DatasetError(f"{path}: expected both begin_s and end_s, or none of them, got one; add the other one")
-    load = _numbers(table, columns["load"])
-    begin, end = (_numbers(table, columns[name]) if name in columns else None for name in ("begin_s", "end_s"))
-    calculated: dict[tuple[str, str], list[float]] = {}
-    for name, number in columns.items():
-        if name not in _OWN:
-            calculated[_point_and_axis(path, names[number])] = _numbers(table, number)
+    load, unit = columns["load"]
+    begin, end = (columns[name][0] if name in columns else None for name in ("begin_s", "end_s"))
+    calculated = {
+        _point_and_axis(path, name): values for name, (values, _) in columns.items() if name.casefold() not in _OWN
+    }
     _check(path, load, begin, end)
     steps = tuple(
         LoadStep(
@@ -108,8 +106,30 @@ def read_steps(path: Path | str) -> LoadPlan:
         )
         for i in range(len(load))
     )
-    of_load = named[columns["load"]]
-    return LoadPlan(steps, "" if of_load is None else of_load["unit"].strip())
+    return LoadPlan(steps, unit)
+
+
+def read_columns(path: Path | str) -> dict[str, tuple[list[float], str]]:
+    """Numbers and unit of every column of a table by its name without the unit; the table's own names in small letters.
+
+    Parameters
+    ----------
+    path
+        Text file in any usual dialect; ``-`` is no number.
+
+    Raises
+    ------
+    DatasetError
+        The file is no table of numbers.
+    """
+    table = read_table(path, fewest=1)
+    columns = {}
+    for number, heading in enumerate(table.names):
+        found = _UNIT.match(heading)
+        name = (heading if found is None else found["name"]).strip()
+        name = name.casefold() if name.casefold() in _NAMES else name
+        columns[name] = _numbers(table, number), "" if found is None else found["unit"].strip()
+    return columns
 
 
 def _numbers(table: Table, column: int) -> list[float]:

@@ -72,13 +72,15 @@ class Table:
         return [split_name(name)[0].casefold() for name in self.names]
 
 
-def read_table(path: Path | str) -> Table:
+def read_table(path: Path | str, *, fewest: int = _FEWEST_ROWS) -> Table:
     r"""The table in a text file of any usual dialect.
 
     Parameters
     ----------
     path
         File in UTF-8, UTF-16 or Windows-1252; columns parted by commas, semicolons, tabulators, bars or blanks.
+    fewest
+        Rows without which it is no such table.
 
     Returns
     -------
@@ -123,11 +125,11 @@ def read_table(path: Path | str) -> Table:
         # One name above two cells: the comma is the decimal mark of the only column.
         separator, rows = "\0", [(number, [line.strip()]) for number, line in plain]
         first = _first_of_data([row for _, row in rows])
-    if first is None or len(rows) - first < _FEWEST_ROWS:
+    if first is None or len(rows) - first < fewest:
         such = f", such as {plain[-1][1].strip()[:60]!r}, which is not of numbers" if plain and first is None else ""
         raise DatasetError(
-            f"{path}: expected a line of names and at least two samples, got {len(rows)} lines{such}; export "
-            "numbers alone"
+            f"{path}: expected a line of names and at least {fewest} below it, got {len(rows)} lines{such}; "
+            "export numbers alone"
         )
     header, units = _find_header([row for _, row in rows[:first]], len(rows[first][1]))
     if not header:

@@ -132,6 +132,17 @@ def test_what_remains_knows_nothing_of_the_scale(many):
     assert np.mean(held) == pytest.approx(0.95, abs=0.046)
 
 
+def test_a_point_that_did_not_move_has_no_share():
+    data, calculated, _ = simulated(5, 1.0, 0.1)
+    data["displacement"].values[:, 0, 0] = data["displacement"].values[:, 0, 1] / 1e3
+    data["displacement"].values[:, 0, 0] += np.random.default_rng(1).normal(0, NOISE_MM, data.sizes["time"])
+    result = judge_load_test(data, plan_of(calculated)).sel(point="mid")
+    assert np.isnan(result["residual_share"].sel(axis="lateral"))
+    assert np.isnan(result["residual_exceeded"].sel(axis="lateral"))
+    assert np.isfinite(result["residual"].sel(axis="lateral"))
+    assert np.isfinite(result["residual_share"].sel(axis="vertical"))
+
+
 def test_flexibility_is_the_slope_against_load():
     data, calculated, _ = simulated(5, 1.0, 0.0)
     result = judge_load_test(data, plan_of(calculated)).sel(point="mid", axis="vertical")

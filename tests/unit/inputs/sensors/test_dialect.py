@@ -95,7 +95,7 @@ def test_a_recording_is_the_same_in_every_encoding(tmp_path, encoding, newline):
             "name in columns which of them is along which axis, such as --column vertical='ax'",
         ),
         (["PK\x03\x04"], "got an Excel workbook or another archive; export the sheet as CSV"),
-        (["no numbers here", "none, either"], "expected a line of names and at least two samples, got 2 lines"),
+        (["no numbers here", "none, either"], "expected a line of names and at least 2 below it, got 2 lines"),
         (["time,vertical,temperature", *PLAIN], "expected 3 cells in row 2, got 4"),
         ([HEADER, *PLAIN[:50], "0.25,0.1", *PLAIN[51:]], "expected 4 cells in row 52, got 2; complete the row"),
         ([HEADER, *[row.replace(",", " g,") for row in PLAIN]], r"such as '.* g,.*', which is not of numbers"),

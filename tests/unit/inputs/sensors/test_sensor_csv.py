@@ -85,7 +85,7 @@ def test_a_displacement_sensor_in_mm_with_a_gap(tmp_path):
     [
         ("time,lateral,vertical,up\n0,1,2,3\n1,1,2,3\n", r"expected a column 'longitudinal', got \['time', 'lateral'"),
         ("a,b,c\n1,2,3\n1,2,3\n", "expected a column 'lateral'"),
-        ("time,lateral,vertical,longitudinal\n", "expected a line of names and at least two samples, got 1 lines"),
+        ("time,lateral,vertical,longitudinal\n", "expected a line of names and at least 2 below it, got 1 lines"),
         (
             "time,lateral,vertical,longitudinal\n0,1,2,3\n1,1,x,3\n",
             "expected a number in row 3, column 'vertical', got 'x'",

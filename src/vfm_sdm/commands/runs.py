@@ -1,0 +1,71 @@
+"""What commands that look into a finished run share: its displacement, what is said of it, and a place for figures."""
+
+from io import BytesIO
+from pathlib import Path
+
+import xarray as xr
+from matplotlib.figure import Figure
+
+from vfm_sdm.core.files import write_file
+from vfm_sdm.core.netcdf import read_displacement
+from vfm_sdm.core.run_folder import SESSION, RunFolder
+from vfm_sdm.errors import DatasetError
+from vfm_sdm.inputs.session import read_session
+from vfm_sdm.outputs.plots import About, describe_run
+
+__all__ = ["about_run", "read_run", "save_figure"]
+
+_DPI = 120
+
+
+def read_run(run: Path, axis: str | None = None) -> tuple[xr.Dataset, tuple[str, ...]]:
+    """Displacement of a run folder, and notes on what it was made of.
+
+    Parameters
+    ----------
+    run
+        The run folder.
+    axis
+        Axis that is asked for; any when ``None``.
+
+    Raises
+    ------
+    DatasetError
+        It has no such axis.
+    ResultsError
+        The folder holds no displacement, or a damaged one.
+    """
+    displacement = read_displacement(run)
+    if axis is not None and axis not in displacement["axis"].values:
+        known = ", ".join(map(str, displacement["axis"].values))
+        raise DatasetError(f"--axis: expected one of {known}, got {axis}; name one of them")
+    return displacement, RunFolder(run).check_whole("displacement", displacement.attrs)
+
+
+def about_run(run: Path) -> About:
+    """What figures say of a run, from the session in its folder; nothing where there is none.
+
+    Parameters
+    ----------
+    run
+        The run folder.
+    """
+    file = run / SESSION
+    return describe_run(read_session(file, check_files=False), None) if file.is_file() else About()
+
+
+def save_figure(figure: Figure, folder: Path, name: str) -> Path:
+    """Writes ``figures/NAME.png``, and returns its path.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    folder
+        The run folder.
+    name
+        Name of the file without its ending.
+    """
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI)
+    return write_file(folder / "figures" / f"{name}.png", buffer.getvalue())
