@@ -38,6 +38,7 @@ _COMMANDS = {
     "load-test": "load_test:load_test",
     "passages": "passages:passages",
     "points": "points:points",
+    "repeat": "repeat:repeat",
     "watch": "watch:watch",
 }
 """Where each command is, in this package."""

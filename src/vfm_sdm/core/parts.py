@@ -288,6 +288,7 @@ _SECTIONS = {
     "modes": Part(_SECTIONS_AT + "checks:describe_modes"),
     "load-test": Part(_SECTIONS_AT + "load_test:describe_load_test"),
     "passages": Part(_SECTIONS_AT + "load_test:describe_passages"),
+    "repeatability": Part(_SECTIONS_AT + "repeatability:describe_repeatability"),
     "traceability": Part(_SECTIONS_AT + "traceability:describe_traceability"),
 }
 

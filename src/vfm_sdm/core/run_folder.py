@@ -23,7 +23,14 @@ _SUMMARY, _FIGURES = "summary.json", "figures"
 _RESULTS = (
     *("displacement.*", "movement_*.nc", "revisit.csv", "evaluation.json", "acceptance_*.json", _SUMMARY),
     *("report.html", "report.pdf"),
-    *(f"{_FIGURES}/{stem}.png" for stem in ("trajectory_*", "displacement_*", "points_*", "audit")),
+    *(f"{stem}.{kind}" for stem in ("load_test", "passages", "repeatability") for kind in ("nc", "csv")),
+    *(
+        f"{_FIGURES}/{stem}.png"
+        for stem in (
+            *("trajectory_*", "displacement_*", "points_*", "audit"),
+            *("load_test", "passages", "repeatability"),
+        )
+    ),
 )
 """What is said of a measurement. Cameras, points and tracks stand under keys of their own, which tell what they are
 worth to another session."""

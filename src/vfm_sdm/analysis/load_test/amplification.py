@@ -147,7 +147,8 @@ def judge_passages(
             )
             free_s = passage.end_s
     return _assemble(answers, data, passages, axles).assign_attrs(
-        frequency="found" if frequency_hz is None else "given"
+        frequency="found" if frequency_hz is None else "given",
+        displacement_key=str(data.attrs.get("key", "")),
     )
 
 

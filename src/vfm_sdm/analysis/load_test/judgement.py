@@ -123,7 +123,12 @@ def judge_load_test(displacement: xr.Dataset, plan: LoadPlan, limits: Limits = L
         variables[name] = (("step",), edges, {"units": "s"})
     coords = {"step": np.arange(1, shape[0] + 1), "point": points, "axis": axes}
     stillness = "given" if plan.timed else "found"
-    attrs = {"ratio_limit": limits.ratio, "residual_limit": limits.residual, "stillness": stillness}
+    attrs = {
+        "ratio_limit": limits.ratio,
+        "residual_limit": limits.residual,
+        "stillness": stillness,
+        "displacement_key": str(data.attrs.get("key", "")),
+    }
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 

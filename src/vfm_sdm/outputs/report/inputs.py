@@ -99,6 +99,17 @@ class ReportInputs:
 
         return tuple(sorted(self.point_names, key=rank))
 
+    def is_outdated(self, result: xr.Dataset) -> bool:
+        """Whether a result was made of another displacement than the one in the folder.
+
+        Parameters
+        ----------
+        result
+            Dataset that names what it was made of in ``displacement_key``.
+        """
+        made_of, here = result.attrs.get("displacement_key", ""), self.displacement.attrs.get("key", "")
+        return bool(made_of) and made_of != here
+
 
 @contextmanager
 def open_run(folder: Path | str, *, session: Path | str | None = None) -> Iterator[ReportInputs]:

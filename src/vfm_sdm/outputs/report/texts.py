@@ -6,6 +6,7 @@ A key that begins with a kind of word (``axis``, ``check``, ``outcome`` ...) tra
 from collections.abc import Mapping
 
 from vfm_sdm.outputs.report.texts_of_load_tests import LOAD_TEST_TEXTS
+from vfm_sdm.outputs.report.texts_of_repeatability import REPEATABILITY_TEXTS
 from vfm_sdm.outputs.report.texts_of_results import RESULT_TEXTS
 from vfm_sdm.outputs.report.texts_of_words import WORD_TEXTS
 
@@ -199,5 +200,11 @@ _FRAME: Mapping[str, tuple[str, str]] = {
     "notes head": ("Notes of the measurement:", "Hinweise der Messung:"),
 }
 
-CATALOGUE: Mapping[str, tuple[str, str]] = {**_FRAME, **RESULT_TEXTS, **LOAD_TEST_TEXTS, **WORD_TEXTS}
+CATALOGUE: Mapping[str, tuple[str, str]] = {
+    **_FRAME,
+    **RESULT_TEXTS,
+    **LOAD_TEST_TEXTS,
+    **REPEATABILITY_TEXTS,
+    **WORD_TEXTS,
+}
 """Text of every key in English and German."""
