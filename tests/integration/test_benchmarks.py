@@ -20,6 +20,7 @@ SMALLEST = {
     "page": ["--height", "360", "--repeats", "1"],
     "pairs": ["--width", "640", "--only", "wall", "--most", "3"],
     "lens": ["--draws", "1", "--views", "40"],
+    "load_test": ["--tests", "3"],
     "long": ["--height", "360", "--minutes", "0.1", "0.2"],
     "long, a day": ["--day", "0.1"],
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
