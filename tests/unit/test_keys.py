@@ -76,9 +76,9 @@ CORNERS = dict.fromkeys(("left", "right"), ((10.0, 10.0), (90.0, 10.0), (90.0, 5
 @pytest.fixture
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     """A session in which every table is there, and files of a few bytes; nothing is decoded or solved."""
-    monkeypatch.setattr("vfm_sdm.measurement.open_views", lambda session: {})
+    monkeypatch.setattr("vfm_sdm.inputs.session.recorded.open_views", lambda session: {})
     monkeypatch.setattr("vfm_sdm.measurement.solve_cameras", solution_of)
-    monkeypatch.setattr("vfm_sdm.measurement.find_reference_frames", frames_of)
+    monkeypatch.setattr("vfm_sdm.inputs.session.recorded.find_reference_frames", frames_of)
     monkeypatch.setattr(Measurement, "part_of", lambda self, kind: {})
     monkeypatch.setattr(Measurement, "part", lambda self, kind: None)
     for name in (
@@ -219,8 +219,9 @@ def expected(field: str) -> set[str]:
     found = {*READERS[name], "summary"}
     for product in Measurement.products():
         needs = set(Measurement.product(product).needs)
-        # Points are told by their pixels, so that other cameras alone do not change them, and frames by their numbers.
-        if needs & found and product not in ("points", "reference_frames"):
+        # Points are told by their pixels, so that other cameras alone do not change them, frames by their numbers, and
+        # what sensors say of the scale by its content, here nothing.
+        if needs & found and product not in ("points", "reference_frames", "sensor_scale"):
             found.add(product)
     return found
 

@@ -90,11 +90,9 @@ def _tabulate(fused: xr.Dataset) -> Table:
             spreads = [number_text(float(fused[std].sel(axis=axis)), form, factor) for axis in axes]
             cells = [f"{cell} +- {spread}" for cell, spread in zip(cells, spreads, strict=True)]
         table.add_row(Text(words), *cells)
-    spread = fused["displacement_std"]
     for words, chosen in (("noise, fused [mm]", 0), ("noise, bridged [mm]", 1)):
-        kept = spread.where(fused["status"] == chosen)
-        found = [kept.sel(axis=axis).values for axis in axes]
-        cells = [float(np.sqrt(np.nanmean(one**2))) if np.isfinite(one).any() else np.nan for one in found]
-        if chosen == 0 or np.isfinite(cells).any():
-            table.add_row(Text(words), *(number_text(cell, "{:.4f}") for cell in cells))
+        kept = fused["displacement_std"].where(fused["status"] == chosen)
+        spread = [float(np.sqrt((kept.sel(axis=axis) ** 2).mean())) for axis in axes]
+        if chosen == 0 or np.isfinite(spread).any():
+            table.add_row(Text(words), *(number_text(value, "{:.4f}") for value in spread))
     return table

@@ -104,6 +104,8 @@ class CameraStatus(StrEnum):
     TOO_FEW_MATCHES = "too few matches between the views"
     NOT_CLEAR = "no cameras stand out from chance"
     """Matches agree with a pose no better than unrelated ones would, as with what repeats."""
+    NO_LENGTH = "no length is known"
+    """None was measured, and the sensor that was to tell one does not see the motion."""
     NO_COMMON_SCALE = "too few points seen in three views"
     CONTRADICTION = "focal lengths contradict what is known of the lenses"
     BASELINES_DISAGREE = "chessboard and measured baseline disagree"

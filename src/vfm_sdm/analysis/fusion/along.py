@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vfm_sdm.analysis.fusion.drive import Drive
+from vfm_sdm.analysis.fusion.drive import Drive, keep_motion
 from vfm_sdm.analysis.fusion.kernels import BIAS, DRIFT, GAINS, LAG
 from vfm_sdm.analysis.fusion.levels import Levels, Nodes, Posterior, estimate_levels, high_noise_std
 from vfm_sdm.analysis.fusion.still_points import ASSUMED, VideoErrors
@@ -49,6 +49,11 @@ class Record:
     acceleration: FloatArray
     known: BoolArray
     axes: tuple[str, ...]
+
+    @property
+    def interval_s(self) -> float:
+        """Time from sample to sample [s]."""
+        return float(self.time_s[-1] - self.time_s[0]) / (len(self.time_s) - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,41 +203,60 @@ def fuse_along(record: Record, video: Video, axis: str, alignment: Alignment, er
     noise are estimated at the first and at the last round.
     """
     alignment = replace(alignment, lag_std_s=max(alignment.lag_std_s, _WIDEST_LAG_S))
-    pair = _Pair(record, video, record.axes.index(axis), alignment)
-    interval = float(record.time_s[-1] - record.time_s[0]) / (len(record.time_s) - 1)
-    density = high_noise_std(record.acceleration[:, pair.own]) * float(np.sqrt(interval))
+    own = record.axes.index(axis)
+    pair = _Pair.of(record, video, own, alignment)
+    density = float(pair.noise_stds[own] * np.sqrt(record.interval_s))
     times = video.time_s[np.isfinite(video.values_mm)]
-    now, gain, posterior = alignment, 1.0, None
-    for number in range(_ROUNDS):
-        nodes = pair.place_nodes(times, now, gain)
-        if posterior is None:
-            posterior = estimate_levels(_cut_middle(nodes), density, errors)
+    now, gains = alignment, pair.first_gains
+    nodes = pair.place_nodes(times, now, gains)
+    posterior = estimate_levels(_cut_middle(nodes), density, errors)
+    for _ in range(_ROUNDS):
         state, covariance = nodes.run(posterior.best)[:2]
-        lag, std = state[LAG], float(np.sqrt(covariance[LAG, LAG]))
-        change = abs(state[GAINS + pair.own] - gain) / float(np.sqrt(covariance[GAINS + pair.own, GAINS + pair.own]))
-        if number and max(abs(lag) / std, change) < _SETTLED:
+        left = abs(state[[LAG, GAINS + own]]) / np.sqrt(np.diag(covariance)[[LAG, GAINS + own]])
+        now, gains = now.shifted(state[LAG], state[DRIFT], times[-1]), gains + state[GAINS:]
+        nodes = pair.place_nodes(times, now, gains)
+        if left.max() < _SETTLED:
             break
-        now, gain = now.shifted(lag, state[DRIFT], times[-1]), float(state[GAINS + pair.own])
     posterior = estimate_levels(_cut_middle(nodes), density, errors, posterior.best)
-    return _smooth(pair, now, gain, posterior)
+    return _smooth(pair, now, gains, posterior)
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Both records, the number of the sensor's axis, and what was known of the clocks at first."""
+    """Both records, the number of the sensor's axis, and what was known of the clocks at first.
+
+    ``centred`` is the acceleration less its mean, ``motion`` what of it is clear of noise, shape (T, A) [mm/s2], and
+    ``noise_stds`` the standard deviations of that, shape (A,) [mm/s2].
+    """
 
     record: Record
     video: Video
     own: int
     first: Alignment
+    centred: FloatArray
+    motion: FloatArray
+    noise_stds: FloatArray
 
-    def place_nodes(self, times: FloatArray, now: Alignment, gain: float) -> Nodes:
-        """Nodes of the filter at these times, those of the video's values among them."""
-        record, video = self.record, self.video
-        clock = now.on_video(record.time_s)
+    @classmethod
+    def of(cls, record: Record, video: Video, own: int, first: Alignment) -> "_Pair":
+        """Both records, with what of the acceleration is motion."""
         centred = record.acceleration - record.acceleration.mean(axis=0)
-        drive = Drive(clock, centred)
-        steps = drive.steps(times, gain, self.own)
+        noise_stds = np.array([high_noise_std(column) for column in centred.T])
+        return cls(record, video, own, first, centred, keep_motion(centred, noise_stds, record.interval_s), noise_stds)
+
+    @property
+    def first_gains(self) -> FloatArray:
+        """Gains as they are known before, shape (A,) [1]."""
+        gains = np.zeros(self.centred.shape[1])
+        gains[self.own] = 1.0
+        return gains
+
+    def place_nodes(self, times: FloatArray, now: Alignment, gains: FloatArray) -> Nodes:
+        """Nodes of the filter at these times, those of the video's values among them."""
+        record, video, centred = self.record, self.video, self.centred
+        clock = now.on_video(record.time_s)
+        drive = Drive(clock, np.column_stack([centred @ gains, self.motion]))
+        steps = drive.steps(times)
         if not record.known.all():
             lost = np.interp(times, clock, (~record.known).astype(float)) > 0
             extra = 2 * _LOST_S * float(np.var(centred[record.known, self.own]))
@@ -244,7 +268,7 @@ class _Pair:
         shown = drive.exposed(times[place], video.interval_s)
         exposed = np.zeros((len(shown), len(times), shown.shape[2]))
         exposed[:, place] = shown
-        state, covariance = self._begin(times[0], now)
+        state, covariance = self._begin(times[0], now, gains)
         state[0] = values[place[0]]
         rms = float(np.sqrt(np.mean(centred[record.known, self.own] ** 2)))
         typical = float(np.sqrt(np.nanmean(stds**2)))
@@ -254,9 +278,9 @@ class _Pair:
         covariance[BIAS, BIAS] = _BIAS_STD**2
         return Nodes(steps, values, stds, exposed, state, covariance)
 
-    def _begin(self, begin_s: float, now: Alignment) -> tuple[FloatArray, FloatArray]:
+    def _begin(self, begin_s: float, now: Alignment, gains: FloatArray) -> tuple[FloatArray, FloatArray]:
         """State of lag, drift and gains at a time, as they are known before, with their covariance."""
-        first, inputs = self.first, self.record.acceleration.shape[1]
+        first, inputs = self.first, len(gains)
         state, covariance = np.zeros(GAINS + inputs), np.zeros((GAINS + inputs, GAINS + inputs))
         # What the clock was shifted by since is no news.
         at_s = (first.at_s - first.offset_s) / first.rate_ratio * now.rate_ratio + now.offset_s
@@ -266,7 +290,7 @@ class _Pair:
         covariance[DRIFT, DRIFT] = first.drift_std**2
         covariance[LAG, DRIFT] = covariance[DRIFT, LAG] = first.drift_std**2 * away
         covariance[LAG, LAG] = first.lag_std_s**2 + (first.drift_std * away) ** 2
-        state[GAINS + self.own] = 1.0
+        state[GAINS:] = self.first_gains - gains
         covariance[np.arange(GAINS, len(state)), np.arange(GAINS, len(state))] = first.cross_std**2
         covariance[GAINS + self.own, GAINS + self.own] = first.gain_std**2
         return state, covariance
@@ -285,14 +309,14 @@ def _cut_middle(nodes: Nodes) -> Nodes:
     return Nodes(steps, nodes.values_mm[part], nodes.stds_mm[part], nodes.exposed[:, part], state, nodes.covariance)
 
 
-def _smooth(pair: _Pair, now: Alignment, gain: float, posterior: Posterior) -> Fused:
+def _smooth(pair: _Pair, now: Alignment, gains: FloatArray, posterior: Posterior) -> Fused:
     """The smoothed displacement at the sensor's samples, its spread that of the levels included."""
     video = pair.video
     seen = video.time_s[np.isfinite(video.values_mm)]
     clock = now.on_video(pair.record.time_s)
     places = np.flatnonzero((clock >= seen[0]) & (clock <= seen[-1]))
     times, back = np.unique(np.concatenate([seen, clock[places]]), return_inverse=True)
-    nodes, wanted = pair.place_nodes(times, now, gain), back[len(seen) :]
+    nodes, wanted = pair.place_nodes(times, now, gains), back[len(seen) :]
     _, _, innovations, expected = nodes.run(posterior.best)
     drawn = [nodes.smooth(levels) for levels in posterior.around]
     states, covariances, means, variances = (np.stack(one) for one in zip(*drawn, strict=True))
@@ -300,7 +324,7 @@ def _smooth(pair: _Pair, now: Alignment, gain: float, posterior: Posterior) -> F
     covariance = covariances.mean(axis=0) + np.cov(states.T, bias=True)
     variance = variances[:, wanted].mean(axis=0) + np.var(means[:, wanted], axis=0)
     after = np.searchsorted(seen, clock[places]).clip(1, len(seen) - 1)
-    best, own = posterior.best, GAINS + pair.own
+    best, found_gains = posterior.best, gains + state[GAINS:]
     back_s = times[-1] - pair.first.at_s
     # The lag at its own time, from lag and drift at the end.
     lag_variance = covariance[LAG, LAG] - 2 * back_s * covariance[LAG, DRIFT] + back_s**2 * covariance[DRIFT, DRIFT]
@@ -320,9 +344,9 @@ def _smooth(pair: _Pair, now: Alignment, gain: float, posterior: Posterior) -> F
         np.sqrt(np.maximum(variance, 0.0)),
         seen[after] - seen[after - 1] > _GAP * video.interval_s,
         found,
-        state[GAINS:],
+        found_gains,
         stds[GAINS:],
-        float(pair.record.acceleration[:, pair.own].mean() - state[BIAS] / state[own]),
+        float(pair.record.acceleration[:, pair.own].mean() + state[BIAS] / found_gains[pair.own]),
         best,
         float(np.sqrt(np.nanmean(innovations[settled] ** 2))),
         float(np.sqrt(np.nanmean(ratio[settled] ** 2))),

@@ -1,7 +1,7 @@
 """Displacement of a point from standstill to the band of a sensor, of the video and of the sensor together."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -29,8 +29,8 @@ _FILLED = 1.5
 """Intervals of the sensor's clock up to which missing samples are filled."""
 _MM_PER_M = 1e3
 _NO_STATIC = (
-    "no static point shows how the video errs slowly: 0.3 of its scatter is assumed, within a factor of two; add a point "
-    "that must not move"
+    "no static point shows how the video errs slowly: 0.3 of its scatter is assumed, within a factor of two; add "
+    "a point that must not move"
 )
 _FAILURES = {
     ClockStatus.NOT_UNIQUE: FusionStatus.AMBIGUOUS,
@@ -59,7 +59,7 @@ class FusionSettings:
     gain_std: float = 0.1
     cross_std: float = 0.05
     clock_std: float = 1e-4
-    search: LagSearch = LagSearch(search_s=5.0)
+    search: LagSearch = field(default_factory=lambda: LagSearch(search_s=5.0))
 
 
 def fuse(
@@ -131,7 +131,9 @@ def fuse(
     if not lag.ok:
         status = _FAILURES.get(ClockStatus(lag.status), FusionStatus.NO_MOTION)
         return fail_fusion(point, sensor, chosen, status, [*notes, f"lag of the sensor: {lag.status}"])
-    record = Record(acceleration["time"].values, _MM_PER_M * filled[:, 0], known[:, 0].all(axis=1), tuple(sensed))
+    record = Record(
+        acceleration["time"].values, _MM_PER_M * filled[:, 0], np.asarray(known[:, 0].all(axis=1)), tuple(sensed)
+    )
     alignment = _align(lag, record, settings)
     videos = {axis: _read_video(displacement, values, point, axis, record, alignment) for axis in chosen}
     seen = {axis: video for axis, video in videos.items() if np.isfinite(video.values_mm).sum() >= _FEWEST_FRAMES}

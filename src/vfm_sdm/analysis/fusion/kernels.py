@@ -1,7 +1,7 @@
 """Kalman filter and smoother of displacement that measured acceleration drives; compiled.
 
 The state is, in this order: displacement [mm], velocity [mm/s], bias of the sensor [mm/s2], slow error of the video
-[mm], lag of the sensor [s], its drift [s/s], and a gain for every axis of the sensor [1].
+[mm], lag of the sensor [s], its drift [s/s], and for every axis of the sensor what its gain is off the one in use [1].
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ __all__ = ["BIAS", "DRIFT", "FIRST", "GAINS", "LAG", "SLOW", "filter_forward", "
 
 BIAS, SLOW, LAG, DRIFT, GAINS = 2, 3, 4, 5, 6
 """Places in the state, of which the gains are the last."""
-FIRST = 4
+FIRST = 6
 """Place of the first axis of the sensor in a step."""
 
 _compiled = njit(nogil=True, cache=True, error_model="numpy")
@@ -40,7 +40,7 @@ def _predict(x: FloatArray, P: FloatArray, step: FloatArray, noise: FloatArray) 
     dt = step[0]
     to_d, to_v = _row(step, 0), _row(step, 1)
     decay = np.exp(-dt * noise[3])
-    x[0], x[1] = x[0] + to_d @ x, x[1] + to_v @ x
+    x[0], x[1] = x[0] + to_d @ x + step[4], x[1] + to_v @ x + step[5]
     x[SLOW] *= decay
     x[LAG] += dt * x[DRIFT]
     # Rows, then columns: all read what was before the step, for displacement is done before what it is made of.
@@ -96,9 +96,9 @@ def _turn_rows(L: FloatArray, to_d: FloatArray, to_v: FloatArray, decay: float, 
 @_compiled
 def _seen(exposed: FloatArray) -> FloatArray:
     """What the state contributes to a value of the video."""
-    h = np.zeros(GAINS + exposed.size)
+    h = np.zeros(GAINS + exposed.size - 1)
     h[0] = h[SLOW] = 1.0
-    h[GAINS:] = exposed
+    h[GAINS:] = exposed[1:]
     return h
 
 
@@ -117,8 +117,9 @@ def filter_forward(
     Parameters
     ----------
     nodes
-        Steps to each of N nodes, shape (N, 4 + 2 A) (see `vfm_sdm.analysis.fusion.drive.Drive.steps`); values of the
-        video there [mm], NaN where there is none; their variances [mm2]; and what exposure adds by axis, shape (N, A).
+        Steps to each of N nodes, shape (N, 6 + 2 A) (see `vfm_sdm.analysis.fusion.drive.Drive.steps`); values of the
+        video there [mm], NaN where there is none; their variances [mm2]; and what exposure adds: with
+        the gains in use, then by axis for other gains, shape (N, 1 + A).
     noise
         Density of the sensor's noise [mm2/s3], of its bias' wandering [mm2/s5], variance of the video's slow error
         [mm2], and the inverse of its correlation time [1/s].
@@ -138,7 +139,7 @@ def filter_forward(
         h = _seen(exposed[k])
         Ph = P @ h
         s = h @ Ph + variances[k]
-        innovations[k], stds[k] = values[k] - h @ x, np.sqrt(s)
+        innovations[k], stds[k] = values[k] - exposed[k, 0] - h @ x, np.sqrt(s)
         x += Ph * (innovations[k] / s)
         for i in range(x.size):
             for j in range(x.size):
@@ -199,7 +200,7 @@ def smooth_backward(
         Ph = P @ h
         s = h @ Ph + variances[end]
         gain = Ph / s
-        adjoint -= h * ((values[end] - h @ x) / s + gain @ adjoint)
+        adjoint -= h * ((values[end] - exposed[end, 0] - h @ x) / s + gain @ adjoint)
         Lg = information @ gain
         weight = gain @ Lg + 1 / s
         for i in range(size):

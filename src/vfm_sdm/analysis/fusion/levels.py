@@ -67,11 +67,11 @@ class Nodes:
     Parameters
     ----------
     steps
-        Of `vfm_sdm.analysis.fusion.drive.Drive.steps`, shape (N, 4 + 2 A).
+        Of `vfm_sdm.analysis.fusion.drive.Drive.steps`, shape (N, 6 + 2 A).
     values_mm, stds_mm
         The video and its stated standard deviation, shape (N,) [mm]; NaN where there is none.
     exposed
-        Of `vfm_sdm.analysis.fusion.drive.Drive.exposed`, shape (9, N, A) [mm].
+        Of `vfm_sdm.analysis.fusion.drive.Drive.exposed`, shape (9, N, 1 + A) [mm].
     state, covariance
         Before the first node, shapes (n,) and (n, n).
     """
@@ -187,9 +187,8 @@ def estimate_levels(nodes: Nodes, density: float, errors: VideoErrors, start: Le
 
     def levels_of(z: FloatArray) -> Levels:
         logs = centre + spread * z
-        return Levels(
-            *(u * float(np.exp(x)) for u, x in zip(units, logs[:-1], strict=True)), 1 / (1 + np.exp(-logs[-1]))
-        )
+        sensor, wander, video, slow, seconds = (u * float(np.exp(x)) for u, x in zip(units, logs[:-1], strict=True))
+        return Levels(sensor, wander, video, slow, seconds, float(1 / (1 + np.exp(-logs[-1]))))
 
     def cost(z: FloatArray) -> float:
         return 0.5 * float(z @ z) - nodes.likelihood(levels_of(z))

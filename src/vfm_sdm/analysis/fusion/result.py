@@ -1,6 +1,6 @@
 """Fused displacement as a dataset: samples, their uncertainty, and what was found of sensor and video."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -110,7 +110,10 @@ def fail_fusion(point: str, sensor: str, axes: Sequence[str], status: FusionStat
         Sentences on the record.
     """
     none = ("time", "axis"), np.zeros((0, len(axes)))
-    variables = {name: (*none, {"units": "mm"}) for name in ("displacement", "displacement_std", "combined_std")}
+    names = ("displacement", "displacement_std", "combined_std")
+    variables: dict[str, tuple[tuple[str, ...], FloatArray, dict[str, str]]] = {
+        name: (*none, {"units": "mm"}) for name in names
+    }
     variables["status"] = (*none, {})
     for name, (units, _) in _BY_AXIS.items():
         variables[name] = (("axis",), np.full(len(axes), np.nan), {"units": units})
@@ -120,7 +123,7 @@ def fail_fusion(point: str, sensor: str, axes: Sequence[str], status: FusionStat
 
 
 _M_PER_MM = 1e-3
-_BY_AXIS = {
+_BY_AXIS: Mapping[str, tuple[str, Callable[[Fused], float]]] = {
     "gain": ("1", lambda one: one.gains[one.own]),
     "gain_std": ("1", lambda one: one.gain_stds[one.own]),
     "lag": ("s", lambda one: one.alignment.lag_s),
@@ -162,8 +165,8 @@ def _list_notes(axis: str, one: Fused, of_point: xr.Dataset) -> list[str]:
     notes = []
     if one.levels.video_factor > _LARGE_FACTOR:
         notes.append(
-            f"{axis}: the video scatters {one.levels.video_factor:.1f} times as much as it states; check that the sensor "
-            "sits at the point"
+            f"{axis}: the video scatters {one.levels.video_factor:.1f} times as much as it states; check that the "
+            "sensor sits at the point"
         )
     if one.innovation_ratio > _LARGE_RATIO:
         notes.append(
@@ -174,7 +177,7 @@ def _list_notes(axis: str, one: Fused, of_point: xr.Dataset) -> list[str]:
     spread = float(np.hypot(std, float(of_point["scale_std"].sel(axis=axis))))
     if abs(gain - 1) > _DISAGREE_STD * spread:
         notes.append(
-            f"{axis}: video and sensor differ in size by {100 * (gain - 1):+.1f} %, which the stated uncertainty of the "
-            "scale does not explain; check the lengths of the site and the sensor's units"
+            f"{axis}: video and sensor differ in size by {100 * (gain - 1):+.1f} %, which the stated uncertainty of "
+            "the scale does not explain; check the lengths of the site and the sensor's units"
         )
     return notes
