@@ -271,7 +271,7 @@ class _Pair:
         state, covariance = self._begin(times[0], now, gains)
         state[0] = values[place[0]]
         rms = float(np.sqrt(np.mean(centred[record.known, self.own] ** 2)))
-        typical = float(np.sqrt(np.nanmean(stds**2)))
+        typical = float(np.nanmedian(stds))
         covariance[0, 0] = (_WIDE * typical) ** 2
         # What moved so fast as to be elsewhere in the second frame, or what the acceleration makes in a second.
         covariance[1, 1] = (rms * 1.0 + typical / video.interval_s) ** 2
@@ -350,8 +350,8 @@ def _smooth(pair: _Pair, now: Alignment, gains: FloatArray, posterior: Posterior
         best,
         float(np.sqrt(np.nanmean(innovations[settled] ** 2))),
         float(np.sqrt(np.nanmean(ratio[settled] ** 2))),
-        nodes.std_mm * float(np.hypot(best.video_factor, best.slow_factor)),
-        nodes.std_mm * best.slow_factor,
+        nodes.std_mm * best.video_factor * float(np.hypot(1.0, best.slow_factor)),
+        nodes.std_mm * best.video_factor * best.slow_factor,
         video.interval_s * best.exposure_share,
         pair.own,
     )

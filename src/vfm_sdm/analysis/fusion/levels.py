@@ -13,7 +13,7 @@ from vfm_sdm.signals.derivatives import curvature
 
 __all__ = ["Levels", "Nodes", "Posterior", "estimate_levels", "high_noise_std"]
 
-_SENSOR_SPREAD = (2.0, 3.0)
+_SENSOR_SPREAD = (0.5, 3.0)
 """What is known beforehand of the sensor's noise and of its bias' wandering: standard deviations of logarithms."""
 _EXPOSURE_SPREAD = 1.5
 """Of the log odds of the exposure over the time from frame to frame."""
@@ -34,7 +34,7 @@ class Levels:
     video_factor
         Standard deviation of what differs from frame to frame, over the stated one [1].
     slow_factor
-        Standard deviation of the slow error, over the stated one [1].
+        Standard deviation of the slow error, over that of what differs from frame to frame [1].
     slow_s
         Correlation time of the slow error [s].
     exposure_share
@@ -56,7 +56,7 @@ class Levels:
         std_mm
             Typical stated standard deviation of the video [mm].
         """
-        slow = (self.slow_factor * std_mm) ** 2
+        slow = (self.slow_factor * self.video_factor * std_mm) ** 2
         return np.array([self.sensor_density**2, self.wander_density**2, slow, 1 / self.slow_s])
 
 
@@ -86,7 +86,7 @@ class Nodes:
     @property
     def std_mm(self) -> float:
         """Typical stated standard deviation of the video [mm]."""
-        return float(np.sqrt(np.nanmean(np.square(self.stds_mm))))
+        return float(np.nanmedian(self.stds_mm))
 
     def arrays(self, levels: Levels) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Arguments of the filter with these levels."""
@@ -173,7 +173,7 @@ def estimate_levels(nodes: Nodes, density: float, errors: VideoErrors, start: Le
 
     Notes
     -----
-    The noise of the sensor is known to a factor of 7 beforehand, the wandering of its bias to one of 20. Where the
+    The noise of the sensor is known to a factor of 1.6 beforehand, the wandering of its bias to one of 20. Where the
     record says more that does not matter; where it does not, the width is part of the result's uncertainty. The
     posterior is taken as normal in the logarithms, with the curvature at its top [1]_.
 

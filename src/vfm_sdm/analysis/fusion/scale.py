@@ -164,13 +164,18 @@ def _read_length(
     fused = fuse(displacement, acceleration, point, static=static, settings=settings)
     if fused.attrs["status"] != FusionStatus.OK:
         return None, str(fused.attrs["status"])
-    relative = (fused["gain_std"] / fused["gain"]).where(fused["gain"] > 0)
-    if not bool((relative < 1 / _LEAST_GAIN).any()):
+    found = {str(axis): fused.sel(axis=axis) for axis in fused["axis"].values}
+    clear = {axis: one for axis, one in found.items() if float(one["gain"]) > _LEAST_GAIN * float(one["gain_std"])}
+    if not clear:
         return None, str(FusionStatus.NO_MOTION)
-    axis = str(relative.idxmin("axis").item())
-    gain = float(fused["gain"].sel(axis=axis))
-    of_video = _spread_gain(displacement.sel(point=point, axis=axis))
-    std = float(np.sqrt(float(relative.sel(axis=axis)) ** 2 + float(sensor.scale_std or 0.0) ** 2 + of_video**2))
+    spreads = {
+        axis: float(
+            np.hypot(float(one["gain_std"] / one["gain"]), _spread_gain(displacement.sel(point=point, axis=axis)))
+        )
+        for axis, one in clear.items()
+    }
+    axis = min(spreads, key=lambda one: spreads[one])
+    gain, std = float(found[axis]["gain"]), float(np.hypot(spreads[axis], sensor.scale_std or 0.0))
     rest, moved = _place_motion(cameras, point, [str(a) for a in displacement["axis"].values].index(axis))
     if not rest:
         return None, f"point {point} is not seen in two views"

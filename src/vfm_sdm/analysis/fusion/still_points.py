@@ -28,7 +28,7 @@ class VideoErrors:
     ----------
     centre, spread
         Means and standard deviations of logarithms, shape (3,) each: of what differs from frame to frame over the
-        stated standard deviation, of the slow error over the same, and of its correlation time in seconds.
+        stated standard deviation, of the slow error over that, and of its correlation time in seconds.
     points
         Points from which it is known.
     """
@@ -38,8 +38,8 @@ class VideoErrors:
     points: int = 0
 
 
-ASSUMED = VideoErrors((0.0, float(np.log(0.3)), float(np.log(2.0))), (0.5, 0.7, 0.7))
-"""Without a point that must not move: the slow error is three tenths of the stated scatter, within a factor of two."""
+ASSUMED = VideoErrors((0.0, float(np.log(0.3)), float(np.log(2.0))), (0.5, 0.5, 0.5))
+"""Without a point that must not move: the slow error is three tenths of the scatter, within a factor of two."""
 
 
 def estimate_video_errors(displacement: xr.Dataset, points: Sequence[str], axes: Sequence[str]) -> VideoErrors:
@@ -74,7 +74,7 @@ def estimate_video_errors(displacement: xr.Dataset, points: Sequence[str], axes:
         for power, rate_hz in spectra:
             phi = np.exp(-1 / (seconds * rate_hz))
             omega = 2 * np.pi * np.arange(1, len(power) + 1) / (2 * len(power) + 1)
-            expected = white**2 + slow**2 * (1 - phi**2) / (1 + phi**2 - 2 * phi * np.cos(omega))
+            expected = white**2 * (1 + slow**2 * (1 - phi**2) / (1 + phi**2 - 2 * phi * np.cos(omega)))
             total += float(np.sum(np.log(expected) + power / expected))
         return total
 
