@@ -23,7 +23,8 @@ __all__ = ["FusionSettings", "fuse"]
 
 _FEWEST_FRAMES = 60
 """Values of the video below which nothing is known of its noise."""
-_LAG_BAND_HZ = (0.5, 10.0)
+_LAG_BANDS_HZ = ((1.0, 10.0), (0.5, 10.0))
+"""Bands in which the lag is looked for, the next where one does not tell it: below, the sensor drifts."""
 _SAMPLES_OF_FASTEST = 4.0
 _FILLED = 1.5
 """Intervals of the sensor's clock up to which missing samples are filled."""
@@ -174,16 +175,23 @@ def _find_lag(
     settings: FusionSettings,
 ) -> Synchronization:
     """Lag of the sensor's clock, from its displacement by the paper's recipe."""
-    rate_hz = float(acceleration.attrs["sampling_rate_hz"])
-    band = (_LAG_BAND_HZ[0], min(_LAG_BAND_HZ[1], rate_hz / _SAMPLES_OF_FASTEST))
-    recipe = RecipeSettings(
-        onset_s=float(acceleration["time"].values[0]), band_hz=band, integration="spline", hampel="off"
-    )
-    try:
-        reference = compute_reference(acceleration, recipe)
-    except DatasetError:
-        return Synchronization(np.nan, np.nan, np.nan, ClockStatus.TOO_SHORT)
-    return estimate_sensor_lag(displacement, reference, pairs=[pair], axes=axes, search=settings.search, band_hz=band)
+    highest = float(acceleration.attrs["sampling_rate_hz"]) / _SAMPLES_OF_FASTEST
+    found = Synchronization(np.nan, np.nan, np.nan, ClockStatus.TOO_SHORT)
+    for low, high in _LAG_BANDS_HZ:
+        band = (low, min(high, highest))
+        begin_s = float(acceleration["time"].values[0])
+        try:
+            recipe = RecipeSettings(onset_s=begin_s, band_hz=band, integration="spline", hampel="off")
+            reference = compute_reference(acceleration, recipe)
+        except DatasetError:
+            continue
+        search = settings.search
+        tried = estimate_sensor_lag(displacement, reference, pairs=[pair], axes=axes, search=search, band_hz=band)
+        # The first band says best why there is none.
+        found = tried if tried.ok or found.status == ClockStatus.TOO_SHORT else found
+        if found.ok:
+            break
+    return found
 
 
 def _align(lag: Synchronization, record: Record, settings: FusionSettings) -> Alignment:

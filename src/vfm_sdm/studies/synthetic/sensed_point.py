@@ -82,13 +82,13 @@ def record_point(what: SensedPoint, seed: int) -> tuple[xr.Dataset, xr.Dataset, 
     frequency, amplitude = np.array(_MODES).T
     amplitude = amplitude * rng.uniform(0.5, 1.5, (2, len(frequency)))
     phase, drift, drift_phase = (
-        rng.uniform(low, high, (2, len(frequency))) for low, high in ((0, 6.3), (0.02, 0.08), (0, 6.3))
+        rng.uniform(low, high, (2, len(frequency))) for low, high in ((0, 6.3), (0.05, 0.2), (0, 6.3))
     )
 
     def motion(time_s: FloatArray) -> FloatArray:
         """Along lateral and vertical, shape (T, 2) [mm]."""
         t = np.asarray(time_s, np.float64)[:, None, None]
-        wander = 1.5 * np.sin(2 * np.pi * drift * t + drift_phase)
+        wander = 2.5 * np.sin(2 * np.pi * drift * t + drift_phase)
         waves = np.sum(amplitude * np.sin(2 * np.pi * frequency * t + phase + wander), axis=-1)
         passage = _PASSAGE_MM * np.exp(-0.5 * ((t[..., 0] - what.duration_s / 2) / 3) ** 2)
         return np.asarray((waves + passage) * [0.5, 1.0])

@@ -13,8 +13,6 @@ from vfm_sdm.stages.synchronize import LagSearch
 from vfm_sdm.studies.synthetic.sensed_point import STATIC, SensedPoint, record_point
 
 WHAT = SensedPoint(duration_s=20.0, gap_s=(6.0, 7.0))
-# The motion is nearly periodic: only one lag is near.
-NEAR = FusionSettings(search=LagSearch(search_s=0.25, start_lag_s=0.75))
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +23,7 @@ def records():
 @pytest.fixture(scope="module")
 def fused(records):
     displacement, acceleration, _ = records
-    return fuse(displacement, acceleration, "mid", axes=["vertical"], static=STATIC, settings=NEAR)
+    return fuse(displacement, acceleration, "mid", axes=["vertical"], static=STATIC)
 
 
 def errors(fused, truth, axis="vertical"):
@@ -105,7 +103,7 @@ def test_a_sensor_elsewhere_has_no_fusion(records):
     displacement, acceleration, _ = records
     noise = np.random.default_rng(0).normal(size=acceleration["acceleration"].shape)
     other = acceleration.assign(acceleration=(acceleration["acceleration"].dims, noise, {"units": "m/s2"}))
-    found = fuse(displacement, other, "mid", axes=["vertical"], settings=NEAR)
+    found = fuse(displacement, other, "mid", axes=["vertical"])
     assert found.attrs["status"] == FusionStatus.NO_MOTION
     assert found.sizes["time"] == 0
 
@@ -120,7 +118,7 @@ def test_a_lag_outside_the_search_has_no_fusion(records):
 
 def test_without_static_points_a_note_says_what_is_assumed(records):
     displacement, acceleration, _ = records
-    found = fuse(displacement, acceleration, "mid", axes=["vertical"], settings=NEAR)
+    found = fuse(displacement, acceleration, "mid", axes=["vertical"])
     assert any("no static point" in note for note in found.attrs["notes"])
 
 
@@ -133,7 +131,7 @@ def test_where_the_sensor_recorded_nothing_there_is_nothing(records):
         acceleration=(acceleration["acceleration"].dims, values, {"units": "m/s2"}),
         status=(acceleration["acceleration"].dims, codes),
     )
-    found = fuse(displacement, broken, "mid", axes=["vertical"], static=STATIC, settings=NEAR).sel(axis="vertical")
+    found = fuse(displacement, broken, "mid", axes=["vertical"], static=STATIC).sel(axis="vertical")
     lost = found["status"].values == 2
     assert 190 <= lost.sum() <= 210
     assert np.isnan(found["displacement"].values[lost]).all()
@@ -155,7 +153,7 @@ def test_intervals_hold_over_many_records(what):
     inside, gaps = [], []
     for seed in range(40):
         displacement, acceleration, truth = record_point(replace(what, gap_s=(20.0, 21.0)), seed)
-        fused = fuse(displacement, acceleration, "mid", axes=["vertical"], static=STATIC, settings=NEAR)
+        fused = fuse(displacement, acceleration, "mid", axes=["vertical"], static=STATIC)
         error, std = errors(fused, truth)
         held = np.abs(error) < 1.96 * std
         inside.append(held.mean())
