@@ -74,7 +74,7 @@ def _tabulate(fused: xr.Dataset) -> Table:
     )
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     axes = [str(axis) for axis in fused["axis"].values]
-    table.add_column("")
+    table.add_column("quantity")
     for axis in axes:
         table.add_column(Text(axis), justify="right")
     rows = (
