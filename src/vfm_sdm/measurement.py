@@ -81,7 +81,7 @@ class Measurement(RecordedChain):
     Examples
     --------
     >>> Measurement.products()[:5]
-    ('recordings', 'frames', 'reference_frames', 'cameras', 'points')
+    ('recordings', 'frames', 'reference_frames', 'sensor_scale', 'cameras')
     """
 
     def __init__(

@@ -92,7 +92,7 @@ def _tabulate(fused: xr.Dataset) -> Table:
         table.add_row(Text(words), *cells)
     for words, chosen in (("noise, fused [mm]", 0), ("noise, bridged [mm]", 1)):
         kept = fused["displacement_std"].where(fused["status"] == chosen)
-        spread = [float(np.sqrt((kept.sel(axis=axis) ** 2).mean())) for axis in axes]
+        spread = [float(kept.sel(axis=axis).median()) for axis in axes]
         if chosen == 0 or np.isfinite(spread).any():
             table.add_row(Text(words), *(number_text(value, "{:.4f}") for value in spread))
     return table

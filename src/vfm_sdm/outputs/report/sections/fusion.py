@@ -57,7 +57,7 @@ def _list_cells(one: xr.Dataset, axis: str, language: Language) -> tuple[Cell, .
     """A row of the table."""
     values = one["displacement"].values
     bridged = 100 * float(np.mean(one["status"].values == 1))
-    noise = float(np.sqrt(np.nanmean(np.square(one["displacement_std"].values))))
+    noise = float(one["displacement_std"].median())
     return (
         Cell(language.word("axis", axis)),
         _state(1e3 * float(one["lag"]), 1e3 * float(one["lag_std"]), language),
@@ -91,14 +91,15 @@ def _draw(inputs: ReportInputs, one: xr.Dataset, point: str, axis: str, language
         chosen = slice(None) if inside is None else (time_s >= inside[0]) & (time_s <= inside[1])
         at, lowest, highest = reduce_band(time_s[chosen], low[chosen], high[chosen])
         box = (left, _TOP, right, _TOP + _HEIGHT)
-        panel = Panel(drawing, box, span_of([at], margin=0.0), span_of([lowest, highest]), language)
+        shown = (video_s >= at[0]) & (video_s <= at[-1]) & np.isfinite(video)
+        dots = [] if inside is None else [video[shown]]
+        panel = Panel(drawing, box, span_of([at], margin=0.0), span_of([lowest, highest, *dots]), language)
         name = f"{language.word('axis', axis)} [mm]" if inside is None else ""
         panel.frame(x_label=language.say("time s"), y_label=name, y_ticks=4)
         panel.band(at, lowest, highest, BLUE)
         line_s, line = reduce_line(time_s[chosen], values[chosen])
         panel.curve(line_s, line, line, BLUE)
         if inside is not None:
-            shown = (video_s >= at[0]) & (video_s <= at[-1]) & np.isfinite(video)
             for place in panel.place(video_s[shown], video[shown]):
                 drawing.dot(place, 1.6, VERMILION)
     return drawing.svg()
