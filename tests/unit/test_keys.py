@@ -148,7 +148,9 @@ def solution_of(session: Session, *_: Any, reference_frames: Any, **__: Any) -> 
 def leaves(model: BaseModel, prefix: str = "") -> list[str]:
     """Dotted names of all fields that hold no table of fields; of a list of tables, those of any of them."""
     found: dict[str, None] = {}
-    for name in type(model).model_fields:
+    # What is not written says nothing: `site.motion` is found, and fields of later versions leave no trace.
+    written = model.model_dump(warnings=False)
+    for name in (one for one in type(model).model_fields if one in written):
         value = getattr(model, name)
         tables = [one for one in (value if isinstance(value, tuple) else (value,)) if isinstance(one, BaseModel)]
         for one in tables:
