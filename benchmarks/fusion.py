@@ -117,11 +117,11 @@ def judge_case(name: str, what: SensedPoint, count: int) -> dict[str, float]:
 def judge_hour() -> dict[str, float]:
     """Time that an hour takes."""
     displacement, acceleration, _ = record_point(SensedPoint(duration_s=3600.0), 1)
-    begin = time.perf_counter()
+    begin = time.process_time()
     fuse(displacement, acceleration, "mid", axes=[AXIS], static=STATIC)
-    taken = time.perf_counter() - begin
-    print(f"an hour of both, one axis: {taken:.0f} s")
-    return {"hour_s": taken}
+    taken = time.process_time() - begin
+    print(f"an hour of both, one axis: {taken:.0f} s of one processor")
+    return {"hour_processor_s": taken}
 
 
 def judge_film(duration_s: float) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """Fusion along one axis: the filter's nodes, its constants, the levels of noise, and the smoothed displacement."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -309,6 +310,14 @@ def _cut_middle(nodes: Nodes) -> Nodes:
     return Nodes(steps, nodes.values_mm[part], nodes.stds_mm[part], nodes.exposed[:, part], state, nodes.covariance)
 
 
+def _smooth_around(nodes: Nodes, around: Sequence[Levels]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """What `Nodes.smooth` gives over levels as the record leaves them open: means, and spreads of both kinds."""
+    drawn = [nodes.smooth(levels) for levels in around]
+    states, covariances, means, variances = (np.stack(one) for one in zip(*drawn, strict=True))
+    covariance = covariances.mean(axis=0) + np.cov(states.T, bias=True)
+    return states.mean(axis=0), covariance, means.mean(axis=0), variances.mean(axis=0) + np.var(means, axis=0)
+
+
 def _smooth(pair: _Pair, now: Alignment, gains: FloatArray, posterior: Posterior) -> Fused:
     """The smoothed displacement at the sensor's samples, its spread that of the levels included."""
     video = pair.video
@@ -318,11 +327,15 @@ def _smooth(pair: _Pair, now: Alignment, gains: FloatArray, posterior: Posterior
     times, back = np.unique(np.concatenate([seen, clock[places]]), return_inverse=True)
     nodes, wanted = pair.place_nodes(times, now, gains), back[len(seen) :]
     _, _, innovations, expected = nodes.run(posterior.best)
-    drawn = [nodes.smooth(levels) for levels in posterior.around]
-    states, covariances, means, variances = (np.stack(one) for one in zip(*drawn, strict=True))
-    state, value = states.mean(axis=0), means[:, wanted].mean(axis=0)
-    covariance = covariances.mean(axis=0) + np.cov(states.T, bias=True)
-    variance = variances[:, wanted].mean(axis=0) + np.var(means[:, wanted], axis=0)
+    if len(seen) <= _MOST_FRAMES:
+        state, covariance, value, variance = _smooth_around(nodes, posterior.around)
+    else:
+        # Once, and wider by as much as in the middle: a dozen times would take minutes.
+        middle = _cut_middle(pair.place_nodes(seen, now, gains))
+        wider = _smooth_around(middle, posterior.around)[3] / middle.smooth(posterior.best)[3]
+        state, covariance, value, variance = nodes.smooth(posterior.best)
+        variance *= float(np.median(wider))
+    value, variance = value[wanted], variance[wanted]
     after = np.searchsorted(seen, clock[places]).clip(1, len(seen) - 1)
     best, found_gains = posterior.best, gains + state[GAINS:]
     back_s = times[-1] - pair.first.at_s
