@@ -51,9 +51,9 @@ def first():
     return CameraSolution(rig, None, None, points), scaled, acceleration
 
 
-@pytest.fixture
-def session(tmp_path, first):
-    acceleration = first[2]
+@pytest.fixture(scope="module")
+def session(tmp_path_factory, first):
+    acceleration, tmp_path = first[2], tmp_path_factory.mktemp("site")
     rows = zip(acceleration["time"].values, acceleration["acceleration"].values[:, 0], strict=True)
     lines = ["time,lateral,vertical", *(f"{t:.6f},{a[0]:.6f},{a[1]:.6f}" for t, a in rows)]
     (tmp_path / "phone.csv").write_text("\n".join(lines))
@@ -67,9 +67,13 @@ def session(tmp_path, first):
     )
 
 
-def test_the_phone_replaces_the_tape(session, first):
+@pytest.fixture(scope="module")
+def scale(session, first):
     cameras, displacement, _ = first
-    scale = find_sensor_scale(session, lambda _: (cameras, displacement))
+    return find_sensor_scale(session, lambda _: (cameras, displacement))
+
+
+def test_the_phone_replaces_the_tape(session, scale):
     [motion] = scale.motion
     assert motion.std / motion.length < 0.015
     assert scale.baseline.value == pytest.approx(BASELINE_M, rel=3 * motion.std / motion.length)
@@ -86,9 +90,8 @@ def test_the_phone_replaces_the_tape(session, first):
     assert "motion of mid by sensor phone" in {one.source for one in adjusted.contributions}
 
 
-def test_a_tape_that_contradicts_the_sensor_is_named(session, first):
-    cameras, displacement, _ = first
-    scale = replace(find_sensor_scale(session, lambda _: (cameras, displacement)), baseline=None)
+def test_a_tape_that_contradicts_the_sensor_is_named(session, scale):
+    scale = replace(scale, baseline=None)
     wrong = Measured(value=1.15 * BASELINE_M, std=0.01)
     site = scale.put_into(session).site.model_copy(update={"baseline": wrong})
     adjusted = adjust_to_site(make_rig(), (), site)
@@ -98,7 +101,7 @@ def test_a_tape_that_contradicts_the_sensor_is_named(session, first):
     assert "motion of mid by sensor phone" in said
 
 
-def test_a_sensor_at_rest_tells_no_length(session, first):
+def test_a_sensor_at_rest_tells_no_length(session, first, tmp_path):
     cameras, displacement, acceleration = first
     rows = zip(
         acceleration["time"].values,
@@ -106,7 +109,8 @@ def test_a_sensor_at_rest_tells_no_length(session, first):
         strict=True,
     )
     lines = ["time,lateral,vertical", *(f"{t:.6f},{a[0]:.6f},{a[1]:.6f}" for t, a in rows)]
-    (session.folder / "phone.csv").write_text("\n".join(lines))
+    (tmp_path / "phone.csv").write_text("\n".join(lines))
+    session = session.model_copy(update={"folder": tmp_path})
     scale = find_sensor_scale(session, lambda _: (cameras, displacement))
     assert scale.motion == ()
     assert "tells no length" in scale.notes[0]
