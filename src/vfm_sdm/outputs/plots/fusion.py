@@ -46,7 +46,7 @@ def draw_fusion(displacement: xr.Dataset, fused: xr.Dataset, about: About) -> Fi
         _draw_history(frames, video, one, row[1], _liveliest(one, frames))
         _draw_spectra(frames, video, one, row[2])
         row[0].set_title(axis, loc="left", fontsize="small")
-    panels[0, 1].legend(fontsize="small", frameon=False, loc="upper right")
+    panels[0, 1].legend(fontsize="small", frameon=False, loc="best")
     panels[0, 2].legend(fontsize="small", frameon=False)
     return figure
 
