@@ -9,7 +9,19 @@ __all__ = ["read_last_line", "without_unit"]
 
 _UNITS = re.compile(r"_(s|ms|mb|gb|px|m|mm|hz|deg|tflops|point_frames_per_s|frames)$")
 _OF_UNIT_ONE = re.compile(r"(^|_)(ratio|share|relative|ratio_to_[a-z_]+)(_|$)")
-_COUNTS = {"pairs", "draws", "clips", "frames", "points", "processors", "threads", "workers", "chunks", "operations"}
+_COUNTS = {
+    "pairs",
+    "records",
+    "draws",
+    "clips",
+    "frames",
+    "points",
+    "processors",
+    "threads",
+    "workers",
+    "chunks",
+    "operations",
+}
 
 
 def read_last_line(output: str) -> tuple[list[str], dict[str, Any]]:

@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 import xarray as xr
 
+from vfm_sdm.analysis.fusion.scale import SensorScale, find_sensor_scale
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.files import file_hash
@@ -24,16 +25,11 @@ from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.core.versions import package_versions
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import (
-    RECORDED,
-    FirstFrames,
+    RecordedChain,
     Session,
-    SessionChain,
-    find_reference_frames,
     input_files,
-    open_views,
     write_session,
 )
-from vfm_sdm.inputs.video import Video
 from vfm_sdm.outputs.plots import describe_run, first_places, save_figures, save_later_points
 from vfm_sdm.outputs.results import describe_measurement
 from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, REVISIT, TRACKS
@@ -59,7 +55,7 @@ from vfm_sdm.stages.tracking.views import is_whole, track_views
 __all__ = ["Measurement", "measure"]
 
 
-class Measurement(SessionChain):
+class Measurement(RecordedChain):
     """The products of one session, in a folder or in memory.
 
     Parameters
@@ -85,7 +81,7 @@ class Measurement(SessionChain):
     Examples
     --------
     >>> Measurement.products()[:5]
-    ('recordings', 'frames', 'reference_frames', 'cameras', 'points')
+    ('recordings', 'frames', 'reference_frames', 'sensor_scale', 'cameras')
     """
 
     def __init__(
@@ -101,33 +97,18 @@ class Measurement(SessionChain):
         self.progress, self._executor = progress, executor
         self._designs = SubsetDesigns(self._say)
 
-    # What was filmed.
-
-    @product(reads=RECORDED)
-    def recordings(self, session: Session) -> dict[str, Video]:
-        """The recordings of all views by name, open."""
-        return open_views(session)
-
-    @product(needs=("recordings",))
-    def frames(self, session: Session) -> FirstFrames:
-        """First frame of every view."""
-        return FirstFrames(self.recordings)
+    # B and A: cameras, points in every view, tracks.
 
     @product(
-        reads=(
-            *("view.name", "view.time_offset_s", "view.start", "view.use_s"),
-            *("point.name", "point.view", "point.frame", "point.time_s"),
-        ),
-        needs=("recordings",),
-        # Other offsets must not cost anything where the frames stay as they are, or all are the first ones.
-        identity=lambda numbers: numbers,
+        reads=("name", "view", "point", "site", "chessboard", "sensor", "method"),
+        needs=("recordings", "frames", "reference_frames"),
+        parts=("cameras", "matchers", "trackers"),
+        # A sensor that is no length standard must not cost other cameras.
+        identity=lambda scale: scale.as_table(),
     )
-    def reference_frames(self, session: Session) -> dict[str, dict[str, int]]:
-        """Numbers of the frames in which points are named that come into view later, by view and point."""
-        late = any(point.comes_later for point in session.point)
-        return find_reference_frames(session, self.recordings) if late else {}
-
-    # B and A: cameras, points in every view, tracks.
+    def sensor_scale(self, session: Session) -> SensorScale:
+        """What accelerometers say of the size of motions, by a first measurement in any scale; of most, nothing."""
+        return find_sensor_scale(session, self._measure_first)
 
     @product(
         reads=(
@@ -136,20 +117,17 @@ class Measurement(SessionChain):
             *("point.name", "point.view", "point.pixel", "point.pixel_in", "point.static"),
             *("site", "chessboard", "method.subset_px"),
         ),
-        needs=("frames", "reference_frames"),
+        needs=("frames", "reference_frames", "sensor_scale"),
         parts=("cameras", "matchers"),
         kept=CAMERAS,
     )
     def cameras(self, session: Session) -> CameraSolution:
         """Cameras, structural axes, and the points' pixels that helped to adjust them to the site."""
         self._say("cameras")
-        return solve_cameras(
-            session,
-            self.frames,
-            self.part("cameras"),
-            matcher=self.part("matchers"),
-            reference_frames=self.reference_frames,
-        )
+        scale, late = self.sensor_scale, self.reference_frames
+        parts = self.part("cameras"), self.part("matchers")
+        solved = solve_cameras(scale.put_into(session), self.frames, parts[0], matcher=parts[1], reference_frames=late)
+        return scale.judge(solved)
 
     @product(
         needs=("cameras",),
@@ -413,6 +391,13 @@ class Measurement(SessionChain):
         if not isinstance(self.part("trackers"), DesignedTracker):
             return {}
         return self._designs.choose(self.recordings[view], view, places, numbers, subset_px)
+
+    def _measure_first(self, session: Session) -> tuple[CameraSolution, xr.Dataset | None]:
+        """Cameras and displacement of a session, kept in a folder of its own."""
+        folder = None if self.folder is None else self.folder / "sensor_scale"
+        first = Measurement(session, folder, progress=self.progress, executor=self._executor)
+        first.run("cameras", "points", "tracks", "displacement")
+        return first.cameras, first.displacement
 
     def _measure_interval(
         self, session: Session, tracks: Mapping[str, xr.Dataset], carried: Carried

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
+    "fusion": ["--records", "1", "--duration", "15", "--cases", "good sensor", "phone"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
     "lines": ["--draws", "1", "--readings", "level alone", "--rectangles", "1"],
     "page": ["--height", "360", "--repeats", "1"],

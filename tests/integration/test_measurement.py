@@ -164,7 +164,7 @@ def test_asking_for_cameras_decodes_first_frames_only(recorded, monkeypatch):
     counted = count_passes(monkeypatch)
     measurement = Measurement(read_session(recorded))
     assert measurement.cameras.rig is not None
-    assert set(measurement.made) == {"recordings", "frames", "reference_frames", "cameras"}
+    assert set(measurement.made) == {"recordings", "frames", "reference_frames", "sensor_scale", "cameras"}
     assert not counted["passes"]
 
 

@@ -37,6 +37,7 @@ _COMMANDS = {
     "plan": "planning:plan",
     "load-test": "load_test:load_test",
     "passages": "passages:passages",
+    "fuse": "fuse:fuse_command",
     "points": "points:points",
     "repeat": "repeat:repeat",
     "watch": "watch:watch",

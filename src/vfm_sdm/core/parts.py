@@ -285,6 +285,7 @@ _SECTIONS = {
     "budget": Part(_SECTIONS_AT + "budget:describe_budget"),
     "audit": Part(_SECTIONS_AT + "checks:describe_audit"),
     "comparison": Part(_SECTIONS_AT + "checks:describe_comparison"),
+    "fusion": Part(_SECTIONS_AT + "fusion:describe_fusion_section"),
     "modes": Part(_SECTIONS_AT + "checks:describe_modes"),
     "load-test": Part(_SECTIONS_AT + "load_test:describe_load_test"),
     "passages": Part(_SECTIONS_AT + "load_test:describe_passages"),

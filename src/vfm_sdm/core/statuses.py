@@ -11,6 +11,8 @@ __all__ = [
     "CameraStatus",
     "ClockStatus",
     "ClockUse",
+    "FusedStatus",
+    "FusionStatus",
     "InjectionStatus",
     "LensStatus",
     "Outcome",
@@ -103,6 +105,8 @@ class CameraStatus(StrEnum):
     TOO_FEW_MATCHES = "too few matches between the views"
     NOT_CLEAR = "no cameras stand out from chance"
     """Matches agree with a pose no better than unrelated ones would, as with what repeats."""
+    NO_LENGTH = "no length is known"
+    """None was measured, and the sensor that was to tell one does not see the motion."""
     NO_COMMON_SCALE = "too few points seen in three views"
     CONTRADICTION = "focal lengths contradict what is known of the lenses"
     BASELINES_DISAGREE = "chessboard and measured baseline disagree"
@@ -172,6 +176,29 @@ class ClockUse(StrEnum):
     NO_MOTION = "no common motion above its noise"
     DISAGREES = "moves otherwise than most"
     """Its own best lag is another one; it was left out."""
+
+
+class FusionStatus(StrEnum):
+    """Whether a point's displacement and a sensor's acceleration became one displacement."""
+
+    OK = "ok"
+    NO_MOTION = "the sensor does not see the motion"
+    """At no lag are video and sensor more alike than noise: another place, another sign, or nothing moved."""
+    AMBIGUOUS = "several lags agree"
+    """As with periodic motion: state roughly when the sensor began."""
+    AT_EDGE = "the lag lies outside the search"
+    TOO_SHORT = "too short together"
+    """Video and sensor have too few samples at the same time."""
+
+
+class FusedStatus(StrEnum):
+    """Status of a sample of fused displacement; the members are in the order of the codes."""
+
+    OK = "ok"
+    BRIDGED = "bridged"
+    """In a gap of the video: from the sensor alone, with the uncertainty that grows from both ends."""
+    NO_SENSOR = "no_sensor"
+    """The sensor recorded nothing, or was at the end of its range; NaN."""
 
 
 class InjectionStatus(StrEnum):

@@ -8,6 +8,7 @@ from vfm_sdm.inputs.session.file import read_session, session_hash, write_sessio
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
 from vfm_sdm.inputs.session.model import Chessboard, Point, Sensor, Session, View
+from vfm_sdm.inputs.session.recorded import RecordedChain
 from vfm_sdm.inputs.session.recordings import (
     RECORDED,
     FirstFrames,
@@ -20,7 +21,18 @@ from vfm_sdm.inputs.session.recordings import (
 )
 from vfm_sdm.inputs.session.reference_frames import find_reference_frames
 from vfm_sdm.inputs.session.report import Report
-from vfm_sdm.inputs.session.site import Length, Level, Lines, Measured, Range, Ratio, Readings, Rectangle, Site
+from vfm_sdm.inputs.session.site import (
+    Length,
+    Level,
+    Lines,
+    Measured,
+    Range,
+    Ratio,
+    Readings,
+    Rectangle,
+    SensedMotion,
+    Site,
+)
 
 __all__ = [
     "RECORDED",
@@ -38,8 +50,10 @@ __all__ = [
     "Range",
     "Ratio",
     "Readings",
+    "RecordedChain",
     "Rectangle",
     "Report",
+    "SensedMotion",
     "Sensor",
     "Session",
     "SessionChain",

@@ -136,6 +136,7 @@ def cross_faults(fields: Mapping[str, Any]) -> list[str]:
                 faults.append(f"{label}.pixel_in: expected other views, got its own {other!r}; keep pixel alone")
     for sensor in _entries(fields, "sensor"):
         faults += _unknown(f"sensor[{_get(sensor, 'name')}].point", _get(sensor, "point"), "point", point_names)
+    faults += _scale_faults(fields, views, points)
     faults += _site_faults(_get(fields, "site"), views, view_names, point_names)
     faults += _method_faults(fields, views, view_names)
     return faults
@@ -206,12 +207,37 @@ def _reading_faults(site: Any, views: list[Any]) -> list[str]:
     return faults
 
 
+def _scale_faults(fields: Mapping[str, Any], views: list[Any], points: list[Any]) -> list[str]:
+    """A sensor tells the cameras' scale by motion that two of them see."""
+    faults: list[str] = []
+    static = {_get(point, "name") for point in points if _get(point, "static") is True}
+    for sensor in _entries(fields, "sensor"):
+        if _get(sensor, "use_as_scale") is not True:
+            continue
+        label, point = f"sensor[{_get(sensor, 'name')}]", _get(sensor, "point")
+        if isinstance(point, str) and point in static:
+            faults.append(
+                f"{label}.point: expected a point that moves, got the static one {point!r}; a sensor at rest tells no "
+                "length: name another point, or remove use_as_scale"
+            )
+        if len(views) == 1:
+            faults.append(
+                f"{label}.use_as_scale: expected two views, got one; state a length of the site instead, or remove it"
+            )
+    if _get(_get(fields, "site"), "motion"):
+        faults.append(
+            "site.motion: expected no such key, got one; it is found from sensors with use_as_scale: remove it"
+        )
+    return faults
+
+
 def _method_faults(fields: Mapping[str, Any], views: list[Any], view_names: list[str]) -> list[str]:
     faults: list[str] = []
     cameras = _get(_get(fields, "method"), "cameras") or "two-view"
     required = _requirements(cameras)
     chessboard = _get(fields, "chessboard")
-    if "baseline" in required and len(views) > 1 and _get(_get(fields, "site"), "baseline") is None:
+    scaled = any(_get(sensor, "use_as_scale") is True for sensor in _entries(fields, "sensor"))
+    if "baseline" in required and len(views) > 1 and not scaled and _get(_get(fields, "site"), "baseline") is None:
         faults.append(
             "site.baseline: expected the measured distance between the cameras, got nothing; "
             "add baseline = { value = ..., std = ... } in metres under [site]"

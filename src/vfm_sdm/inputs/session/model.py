@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from vfm_sdm.core.datasets import START
-from vfm_sdm.core.sensor_datasets import SensorUnits
+from vfm_sdm.core.sensor_datasets import ACCELERATION_UNITS, SensorUnits
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults, repeated_names
 from vfm_sdm.inputs.session.lens import Lens
@@ -147,6 +147,42 @@ class Sensor(Entry):
     sampling_rate_hz: Positive | None = None
     start: Instant | None = None
     """When the first sample was taken, with its offset from UTC."""
+    use_as_scale: bool = False
+    """Whether this accelerometer says how large motions are: a length standard for the cameras."""
+    scale_std: Positive | None = None
+    """Relative standard deviation of its sensitivity [1]."""
+
+    @model_validator(mode="after")
+    def _complete_scale(self) -> Self:
+        if not self.use_as_scale:
+            if self.scale_std is not None:
+                raise ValueError(
+                    "scale_std: expected use_as_scale = true beside it, got none; add it or remove scale_std"
+                )
+            return self
+        lacking = {
+            "scale_std": (self.scale_std, "how well its sensitivity is known, such as scale_std = 0.01"),
+            "point": (self.point, "the point that it sits at"),
+        }
+        faults = [
+            f"{name}: expected {what}, got nothing; add it" for name, (value, what) in lacking.items() if value is None
+        ]
+        if self.units not in ACCELERATION_UNITS:
+            got = f"{self.units!r}" if self.units else "none"
+            faults.append(
+                f"units: expected those of acceleration ({', '.join(ACCELERATION_UNITS)}), got {got}; state them"
+            )
+        if faults:
+            raise ValueError(f"use_as_scale: {'; '.join(faults)}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_scale(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # As of a point: hashes of sessions stay as they were before these fields came.
+        fields: dict[str, Any] = dump(self)
+        if not self.use_as_scale:
+            fields = {key: value for key, value in fields.items() if key not in ("use_as_scale", "scale_std")}
+        return fields
 
 
 class Chessboard(Entry):
@@ -222,6 +258,11 @@ class Session(Entry):
         except ValidationError as error:
             faults = field_faults(error, cls, fields, partial=True) + faults
         return faults
+
+    @property
+    def scale_sensors(self) -> tuple[Sensor, ...]:
+        """Accelerometers that say how large motions are."""
+        return tuple(sensor for sensor in self.sensor if sensor.use_as_scale)
 
     @property
     def reference_view(self) -> View:

@@ -308,6 +308,7 @@ def input_files(session: Session) -> Iterator[tuple[str, Path]]:
     for name, pattern in (board.images or {} if board is not None else {}).items():
         yield from _pattern_files(session, f"chessboard {name}", pattern)
     yield from _visit_files(session)
+    yield from ((str(sensor.file), session.resolve(sensor.file)) for sensor in session.scale_sensors)
     for name, table in session.method.tables.items():
         for key, path in table_paths(table).items():
             found = session.resolve(path)

@@ -19,6 +19,7 @@ __all__ = [
     "Ratio",
     "Readings",
     "Rectangle",
+    "SensedMotion",
     "Site",
     "not_below",
 ]
@@ -187,6 +188,21 @@ class Rectangle(Entry):
         return self.points or tuple(f"rectangle {number}, corner {corner}" for corner in range(1, 5))
 
 
+class SensedMotion(Entry):
+    """A motion whose size a sensor told; not of a session's file, but found from it (`Sensor.use_as_scale`)."""
+
+    point: Name
+    sensor: Name
+    rest: dict[str, tuple[Number, Number]]
+    """Pixels of the point at rest, by view."""
+    moved: dict[str, tuple[Number, Number]]
+    """Its pixels after a small motion along the axis that the sensor shows best, by view."""
+    length: Positive
+    """Length of that motion by the sensor [m]."""
+    std: Positive
+    """Its standard deviation [m]."""
+
+
 class Site(Entry):
     """Lengths that a tape measure, a laser or the drawings gave, and level readings."""
 
@@ -206,6 +222,8 @@ class Site(Entry):
     rectangle: tuple[Rectangle, ...] = ()
     lines: Lines | None = None
     """Straight edges of the structure as observations; they are not used when left out."""
+    motion: tuple[SensedMotion, ...] = Field(default=(), exclude=True)
+    """What sensors say of the size of motions; found, and not written to the session's file."""
 
     @model_validator(mode="after")
     def _both_distances(self) -> Self:

@@ -14,6 +14,7 @@ from vfm_sdm.outputs.report.content import Cell, Listed
 from vfm_sdm.outputs.report.sentences import Forms, Told
 from vfm_sdm.outputs.report.texts import CATALOGUE
 from vfm_sdm.outputs.report.texts_of_checks import CHECK_FORMS, THING_FORMS
+from vfm_sdm.outputs.report.texts_of_fusion import FUSION_FORMS, FUSION_THINGS
 from vfm_sdm.outputs.report.texts_of_notes import NOTE_FORMS
 
 __all__ = ["LANGUAGES", "UNKNOWN", "Language", "count_decimals", "find_language"]
@@ -218,7 +219,9 @@ def count_decimals(value: float | None, digits: int = 2) -> int:
 @cache
 def _german_forms() -> Forms:
     """Forms of all sentences; many patterns, made when they are first needed."""
-    return Forms({**CHECK_FORMS, **NOTE_FORMS}, THING_FORMS, LANGUAGES["de"].decimal_sign)
+    return Forms(
+        {**CHECK_FORMS, **NOTE_FORMS, **FUSION_FORMS}, {**THING_FORMS, **FUSION_THINGS}, LANGUAGES["de"].decimal_sign
+    )
 
 
 _MONTHS: Mapping[str, tuple[str, ...]] = {

@@ -5,6 +5,7 @@ A key that begins with a kind of word (``axis``, ``check``, ``outcome`` ...) tra
 
 from collections.abc import Mapping
 
+from vfm_sdm.outputs.report.texts_of_fusion import FUSION_TEXTS
 from vfm_sdm.outputs.report.texts_of_load_tests import LOAD_TEST_TEXTS
 from vfm_sdm.outputs.report.texts_of_repeatability import REPEATABILITY_TEXTS
 from vfm_sdm.outputs.report.texts_of_results import RESULT_TEXTS
@@ -205,6 +206,7 @@ CATALOGUE: Mapping[str, tuple[str, str]] = {
     **RESULT_TEXTS,
     **LOAD_TEST_TEXTS,
     **REPEATABILITY_TEXTS,
+    **FUSION_TEXTS,
     **WORD_TEXTS,
 }
 """Text of every key in English and German."""

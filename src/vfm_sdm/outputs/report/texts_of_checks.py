@@ -22,6 +22,7 @@ _STATUSES: Mapping[str, str] = {
     CameraStatus.ONE_VIEW: "eine Ansicht: nur Bewegung in der Bildebene",
     CameraStatus.TOO_FEW_MATCHES: "zu wenige Verknüpfungen zwischen den Ansichten",
     CameraStatus.NOT_CLEAR: "keine Kamerastellung hebt sich vom Zufall ab",
+    CameraStatus.NO_LENGTH: "keine Länge ist bekannt",
     CameraStatus.NO_COMMON_SCALE: "zu wenige Punkte in drei Ansichten gesehen",
     CameraStatus.CONTRADICTION: "die Brennweiten widersprechen dem, was von den Objektiven bekannt ist",
     CameraStatus.BASELINES_DISAGREE: "Schachbrett und gemessene Basislänge stimmen nicht überein",

@@ -8,6 +8,7 @@ import numpy as np
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.geometry.camera import Camera, Rig
 from vfm_sdm.geometry.structure_frame import structure_from_cam1
+from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Level, Readings, Rectangle, Site
 
 __all__ = ["POINTED_STD_PX", "AdjustedValue", "SitePoint", "SiteState", "list_measured"]
@@ -92,7 +93,7 @@ class SiteState:
 
 
 def list_measured(state: SiteState, site: Site, readings: Mapping[str, Readings]) -> list[AdjustedValue]:
-    """Baseline, ranges, lengths, rectangles and what was read at further cameras, beside the values at the parameters.
+    """Baseline, ranges, lengths, rectangles, motions and readings at further cameras, beside those at the parameters.
 
     Parameters
     ----------
@@ -132,6 +133,12 @@ def list_measured(state: SiteState, site: Site, readings: Mapping[str, Readings]
     for number, rectangle in enumerate(site.rectangle, start=1):
         corners = np.array([points[name] for name in rectangle.corner_names(number)])
         values += _list_rectangle(f"rectangle {number}", rectangle, corners)
+    for motion in site.motion:
+        nowhere = (np.nan, np.nan)
+        ends = [np.array([pixels.get(view, nowhere) for view in rig.names]) for pixels in (motion.rest, motion.moved)]
+        length = float(np.linalg.norm(np.subtract(*triangulate(np.stack(ends, axis=1), rig))))
+        name = f"motion of {motion.point} by sensor {motion.sensor}"
+        values.append(_in_metres(name, motion.length, motion.std, length))
     for view, read in readings.items():
         if read.level is not None:
             values += _list_level(view, read.level, state)

@@ -24,6 +24,7 @@ WRITERS = (
     *(f"stages/cameras/{name}.py" for name in ("related_views", "two_view", "priors")),
     *(f"stages/cameras/{name}.py" for name in ("site_problem", "sfm", "profile_checks", "chessboard/estimator")),
     *("stages/tracking/frame_clock.py", "stages/tracking/segments.py", "analysis/evaluation/comparison.py"),
+    *(f"analysis/fusion/{name}.py" for name in ("fuse", "result", "scale")),
     *(f"inputs/video/{name}.py" for name in ("marks", "numbering", "continuity")),
 )
 """Files whose strings with blanks in them are sentences of audits and notes, or parts of these."""

@@ -1,0 +1,83 @@
+"""A fusion as files of a run folder."""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from vfm_sdm.analysis.fusion.result import FUSED_MEANINGS
+from vfm_sdm.core.dataset_checks import check_variable
+from vfm_sdm.core.files import csv_text, write_file
+from vfm_sdm.core.netcdf import read_dataset, write_dataset
+
+__all__ = ["check_fusion", "read_fusion", "write_fusion"]
+
+_FILE = "fused.nc"
+_SAMPLES = ("displacement", "displacement_std", "combined_std")
+
+
+def check_fusion(fused: xr.Dataset) -> xr.Dataset:
+    """The dataset as given, after checking dims and units.
+
+    Parameters
+    ----------
+    fused
+        Of `vfm_sdm.analysis.fusion.fuse`, shape (N, A) [mm].
+
+    Raises
+    ------
+    DatasetError
+        A variable is missing, or has other dims or units.
+    """
+    for name in _SAMPLES:
+        check_variable(fused, name, ("time", "axis"), "mm")
+    for name in ("gain", "gain_std", "lag", "lag_std", "innovation_rms", "video_std"):
+        check_variable(fused, name, ("axis",), None)
+    return fused
+
+
+def read_fusion(folder: Path | str) -> xr.Dataset | None:
+    """The fusion of a run folder; ``None`` where there is none.
+
+    Parameters
+    ----------
+    folder
+        The run folder.
+
+    Raises
+    ------
+    ResultsError
+        The file is damaged or holds something else.
+    """
+    file = Path(folder) / _FILE
+    return read_dataset(file, check_fusion, kind="a fusion", command="vfm-sdm fuse") if file.exists() else None
+
+
+def write_fusion(folder: Path | str, fused: xr.Dataset) -> list[Path]:
+    """Writes ``fused.nc`` and ``fused.csv``, a row a sample; returns their paths.
+
+    Parameters
+    ----------
+    folder
+        The run folder.
+    fused
+        Of `vfm_sdm.analysis.fusion.fuse`, shape (N, A) [mm].
+
+    Raises
+    ------
+    ResultsError
+        A file cannot be written.
+    """
+    check_fusion(fused)
+    axes = [str(axis) for axis in fused["axis"].values]
+    header = ["time_s"]
+    columns: list[list[str]] = [[f"{time:.6f}" for time in fused["time"].values]]
+    for axis in axes:
+        one = fused.sel(axis=axis)
+        header += [f"{axis}_mm", f"{axis}_std_mm", f"{axis}_combined_std_mm", f"{axis}_status"]
+        for name in _SAMPLES:
+            columns.append([f"{value:.6g}" if np.isfinite(value) else "" for value in one[name].values])
+        columns.append([FUSED_MEANINGS[code] for code in one["status"].values.astype(int)])
+    file = Path(folder) / _FILE
+    rows = [list(row) for row in zip(*columns, strict=True)]
+    return [write_dataset(file, fused), write_file(file.with_suffix(".csv"), csv_text(header, rows))]
