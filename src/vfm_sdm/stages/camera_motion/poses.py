@@ -1,5 +1,6 @@
 """Pose of a camera a frame by exact perspective: rotation and translation of any size, from points that stand still."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,16 +93,25 @@ class Poses:
         """Those of some frames."""
         return Poses(self.rotation[rows], self.translation[rows], self.covariance[rows], self.found[rows])
 
+    @classmethod
+    def joined(cls, parts: Sequence["Poses"]) -> "Poses":
+        """Those of parts of a recording that follow each other."""
+        return cls(
+            np.concatenate([one.rotation for one in parts]),
+            np.concatenate([one.translation for one in parts]),
+            np.concatenate([one.covariance for one in parts]),
+            np.concatenate([one.found for one in parts]),
+        )
+
     def put(self, rows: IntArray, other: "Poses") -> "Poses":
         """With others in some frames."""
-        whole = [array.copy() for array in (self.rotation, self.translation, self.covariance, self.found)]
-        for array, part in zip(whole, (other.rotation, other.translation, other.covariance, other.found), strict=True):
-            array[rows] = part
-        return Poses(*whole)
+        order = np.arange(len(self.found))
+        order[rows] = len(self.found) + np.arange(len(rows))
+        return Poses.joined([self, other]).of(order)
 
     def moved(self, X: FloatArray) -> FloatArray:
         """Points (..., P, 3) [m] in the axes of the moved camera, shape (T, P, 3) [m]."""
-        return np.einsum("tij,...pj->tpi", self.rotation, X) + self.translation[:, None]
+        return np.asarray(np.einsum("tij,...pj->tpi", self.rotation, X) + self.translation[:, None])
 
     @property
     def rotation_vector(self) -> FloatArray:
@@ -191,7 +201,7 @@ def _descend(view: StaticView, poses: Poses) -> Poses:
     for _ in range(_STEPS):
         X = np.einsum("tij,pj->tpi", R, view.X) + s[:, None]
         residual = view.position - look_from(view.camera, X)
-        used = np.isfinite(residual).all(axis=-1)
+        used = np.asarray(np.isfinite(residual).all(axis=-1))
         jacobian = np.where(used[..., None, None], jacobian_in_camera(view.camera, X), 0.0)
         residual = np.where(used[..., None], residual, 0.0)
         weighted = np.einsum("tpia,tpij->tpaj", jacobian, np.where(used[..., None, None], view.weight, 0.0))
@@ -202,7 +212,7 @@ def _descend(view: StaticView, poses: Poses) -> Poses:
         turn = np.linalg.norm(step[:, :3], axis=1, keepdims=True)
         step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(turn, 1e-12))
         shift = np.abs(np.einsum("tpia,ta->tpi", jacobian, step)).max(axis=(1, 2))
-        ended = (shift < _ENDED_PX) & (used.sum(axis=1) >= FEWEST_STATIC)
+        ended = np.asarray(shift < _ENDED_PX) & (used.sum(axis=1) >= FEWEST_STATIC)
         by = np.asarray(Rotation.from_rotvec(step[:, :3]).as_matrix())
         R, s = by @ R, np.einsum("tij,tj->ti", by, s) + step[:, 3:]
         if ended.all():
