@@ -1,17 +1,17 @@
 """Cameras that move far, as from a drone or a hand: every point mapped back to the camera at rest, exactly."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from vfm_sdm.core.arrays import FloatArray, time_blocks
+from vfm_sdm.core.arrays import FloatArray, mean_of_known, time_blocks
 from vfm_sdm.geometry.distortion import distort_derivative
 from vfm_sdm.stages.camera_motion.estimation import jacobian_in_camera, replace_doubtful
 from vfm_sdm.stages.camera_motion.places import LENS, Places, compute_place_slopes, refine_places
 from vfm_sdm.stages.camera_motion.poses import FEWEST_STATIC, Poses, StaticView, find_poses, look_from
 
-__all__ = ["LINEAR_ERROR_PX", "FarMotion", "find_far_motion", "map_back", "moves_far"]
+__all__ = ["LINEAR_ERROR_PX", "FarMotion", "Mapped", "find_far_motion", "map_back", "moves_far"]
 
 LINEAR_ERROR_PX = 0.05
 """What the linear model of small shifts may leave, ``shift^2 / (2 f)`` [px]; beyond, the exact one is used."""
@@ -150,11 +150,21 @@ class Mapped:
         Shape (T, P, 2, 2) [px2]: of the pixels as tracked, turned to the camera at rest, and of the motion.
     added
         The part of the motion, shape (T, P, 2, 2) [px2].
+    depth_slope
+        Change of the position with what a point moves itself, in the world frame, because that changes its depth,
+        shape (T, P, 2, 3) [px/m]; zero for static points.
     """
 
     position: FloatArray
     covariance: FloatArray
     added: FloatArray
+    depth_slope: FloatArray
+
+    @classmethod
+    def joined(cls, parts: Sequence["Mapped"]) -> "Mapped":
+        """Those of parts of a recording that follow each other."""
+        names = [one.name for one in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def map_back(position: FloatArray, covariance: FloatArray, motion: FarMotion, rows: slice) -> Mapped:
@@ -172,7 +182,8 @@ def map_back(position: FloatArray, covariance: FloatArray, motion: FarMotion, ro
     Notes
     -----
     A static point is mapped by the pose that the others give. A point's depth is that of its place at rest, seen from
-    the moved camera; what it moves along the ray beside that is left out here. The covariance holds, beside the pixel's
+    the moved camera; what it moves along the ray beside that follows when both views are known
+    (`vfm_sdm.stages.camera_motion.depths.follow_depths`). The covariance holds, beside the pixel's
     own, that of the pose (noise of the static points) and that of lens and places.
     """
     poses = motion.poses.of(rows)
@@ -188,6 +199,7 @@ def map_back(position: FloatArray, covariance: FloatArray, motion: FarMotion, ro
         )
         for name in ("position", "covariance", "added"):
             getattr(mapped, name)[:, index] = getattr(one, name)[:, 0]
+        mapped.depth_slope[:, index] = 0.0
     return mapped
 
 
@@ -219,7 +231,9 @@ def _map(
     by_pose = turn @ jacobian
     added = np.einsum("tpia,tab,tpjb->tpij", by_pose, poses.covariance, by_pose, optimize=True)
     added += _covariance_of_places(places, (poses, view, motion.static), X, (indices, turn, by_pose))
-    return Mapped(found, own + added, np.where(known[..., None, None], added, np.nan))
+    by_depth = np.einsum("tpij,tpj->tpi", seen_again, ray)
+    slope = by_depth[..., None] * (poses.rotation[:, 2] @ camera.rotation)[:, None, None]
+    return Mapped(found, own + added, np.where(known[..., None, None], added, np.nan), np.nan_to_num(slope))
 
 
 def _covariance_of_places(
@@ -235,24 +249,37 @@ def _covariance_of_places(
     """
     (poses, view, static), (indices, turn, by_pose) = given, mapping
     rows = places.chosen(list(static))
-    by_lens, by_place = compute_place_slopes(places, poses, view.X)
-    used = np.where((view.seen & poses.found[:, None])[..., None, None], view.weight, 0.0)
-    J = np.nan_to_num(jacobian_in_camera(places.camera, poses.moved(view.X)))
-    pull = np.einsum("tab,tpib,tpij->tpaj", poses.covariance, J, used, optimize=True)
-    # The pose gives way to errors of the static points: -pull H.
-    of_static = np.concatenate(
-        [np.einsum("tpaj,tpjl->tal", pull, by_lens), *np.moveaxis(pull @ by_place, 1, 0)], axis=-1
-    )
-    rest = Poses.at_rest(1)
+    of_static = _pose_by_places(places, poses, view)
+    rest = _rest_of(view)
     lens_now, place_now = compute_place_slopes(places, poses, X)
-    lens_rest, place_rest = compute_place_slopes(places, rest, X)
+    lens_rest, place_rest = compute_place_slopes(places, rest[0], X)
+    of_rest = jacobian_in_camera(places.camera, X) @ _pose_by_places(places, rest[0], rest[1])
     found = np.empty((*turn.shape[:2], 2, 2))
     for number, index in enumerate(indices):
         own = LENS + 3 * index + np.arange(3)
         every = np.concatenate([rows, own])
         G = np.zeros((len(turn), 2, len(every)))
-        G[..., : len(rows)] = by_pose[:, number] @ of_static
+        # An error of the pose at rest is that of all frames: it shifts a series, and not its motion.
+        G[..., : len(rows)] = by_pose[:, number] @ of_static - of_rest[number]
         G[..., :LENS] += lens_rest[:, number] - turn[:, number] @ lens_now[:, number]
         G[..., len(rows) :] = place_rest[:, number] - turn[:, number] @ place_now[:, number]
         found[:, number] = G @ places.covariance[np.ix_(every, every)] @ np.swapaxes(G, 1, 2)
     return found
+
+
+def _rest_of(view: StaticView) -> tuple[Poses, StaticView]:
+    """The camera at rest, which sees all static points as well as it mostly does."""
+    seen = view.seen
+    weight = mean_of_known(view.weight, seen[..., None, None])
+    at_rest = replace(view, position=look_from(view.camera, view.X)[None], weight=np.nan_to_num(weight)[None])
+    return find_poses(at_rest), at_rest
+
+
+def _pose_by_places(places: Places, poses: Poses, view: StaticView) -> FloatArray:
+    """How poses give way to errors of the lens and of the static points, shape (T, 6, 4 + 3 S), sign turned."""
+    by_lens, by_place = compute_place_slopes(places, poses, view.X)
+    used = np.where((view.seen & poses.found[:, None])[..., None, None], view.weight, 0.0)
+    J = np.nan_to_num(jacobian_in_camera(places.camera, poses.moved(view.X)))
+    pull = np.einsum("tab,tpib,tpij->tpaj", poses.covariance, J, used, optimize=True)
+    of_lens = np.einsum("tpaj,tpjl->tal", pull, by_lens)
+    return np.concatenate([of_lens, *np.moveaxis(pull @ by_place, 1, 0)], axis=-1)

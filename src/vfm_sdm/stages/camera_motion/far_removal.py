@@ -9,7 +9,8 @@ from vfm_sdm.core.arrays import FloatArray, IntArray, time_blocks
 from vfm_sdm.core.covariances import edges_across, largest_std
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import CameraMotionStatus
-from vfm_sdm.stages.camera_motion.far import DETERMINED_PX, FarMotion, find_far_motion, map_back
+from vfm_sdm.stages.camera_motion.depths import DEPTH_SLOPE
+from vfm_sdm.stages.camera_motion.far import DETERMINED_PX, FarMotion, Mapped, find_far_motion, map_back
 from vfm_sdm.stages.camera_motion.places import Places
 from vfm_sdm.stages.camera_motion.poses import FEWEST_STATIC
 from vfm_sdm.stages.camera_motion.view_motion import (
@@ -62,32 +63,34 @@ def remove_far_motion(
         return _doubted(tracks), ViewMotion(CameraMotionStatus.TOO_FEW, used, *series, at_rest, places)
     covariance = tracks["position_covariance"].values
     motion = find_far_motion(position[:, list(static)], covariance[:, list(static)], static, prior)
-    mapped, stated, added = _map_all(tracks, motion)
+    found_again = _map_all(tracks, motion)
+    mapped, added = found_again.position, found_again.added
     across = edges_across(tracks)[list(static)]
     shift = keep_measured(position[:, list(static)] - at_rest, across)
     left = keep_measured(np.where(np.isfinite(position), mapped, np.nan)[:, list(static)] - at_rest, across)
     status = _judge(motion, position, added, (shift, left, at_rest))
     std, found = np.sqrt(np.einsum("taa->ta", motion.poses.covariance)), motion.poses.found[:, None]
     turn, way = motion.poses.rotation_vector, motion.poses.translation
-    of_frames = [np.where(found, one, np.nan) for one in (turn, std[:, :3], way, std[:, 3:])]
+    turn, turn_std, way, way_std = (np.where(found, one, np.nan) for one in (turn, std[:, :3], way, std[:, 3:]))
     after = compute_scatter(left) if len(static) > FEWEST_STATIC else unknown
-    scatters = (compute_scatter(shift), after)
-    view = ViewMotion(status, used, *of_frames, *scatters, rest=at_rest, places=places)
+    before = compute_scatter(shift)
+    view = ViewMotion(status, used, turn, turn_std, way, way_std, before, after, at_rest, places)
     if not view.applied:
         return _doubted(tracks), view
-    values = {"position": mapped, "position_covariance": stated, "status": _codes(tracks, mapped, added)}
-    return tracks.assign({name: tracks[name].copy(data=data) for name, data in values.items()}), view
+    codes = _codes(tracks, mapped, added)
+    values = {"position": mapped, "position_covariance": found_again.covariance, "status": codes}
+    slopes = (("time", "point", "pixel", "space"), found_again.depth_slope, {"units": "px/m"})
+    steady = tracks.assign({name: tracks[name].copy(data=data) for name, data in values.items()})
+    return steady.assign({DEPTH_SLOPE: slopes}), view
 
 
-def _map_all(tracks: xr.Dataset, motion: FarMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions, covariances and the part of the motion in these, of all frames."""
+def _map_all(tracks: xr.Dataset, motion: FarMotion) -> Mapped:
+    """All points of all frames."""
     parts = []
     for block in time_blocks(tracks.sizes["time"]):
         position, covariance = (tracks[name].values[block] for name in ("position", "position_covariance"))
-        one = map_back(position, covariance, motion, block)
-        parts.append((one.position, one.covariance, one.added))
-    position, covariance, added = (np.concatenate(every) for every in zip(*parts, strict=True))
-    return position, covariance, added
+        parts.append(map_back(position, covariance, motion, block))
+    return Mapped.joined(parts)
 
 
 def _judge(

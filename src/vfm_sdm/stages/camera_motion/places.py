@@ -178,7 +178,10 @@ def _update(places: Places, static: list[int], prior: Places, normal: FloatArray
     # (C^-1 + N)^-1 = C (1 + N C)^-1, which needs no inverse of what is exact.
     pull = prior.covariance[:, rows] @ np.linalg.inv(np.eye(len(rows)) + normal @ prior.covariance[np.ix_(rows, rows)])
     whole = pull @ told
-    covariance = prior.covariance - pull @ normal @ prior.covariance[rows]
+    # In the form of Joseph, whose rounding leaves no negative variance.
+    kept = np.eye(len(prior.covariance))
+    kept[:, rows] -= pull @ normal
+    covariance = kept @ prior.covariance @ kept.T + pull @ normal @ pull.T
     camera = prior.camera.perturbed(np.append(whole[:LENS], np.zeros(len(CAMERA_PARAMETERS) - LENS)))
     return Places(camera, prior.X + whole[LENS:].reshape(-1, 3), (covariance + covariance.T) / 2)
 

@@ -13,6 +13,7 @@ from vfm_sdm.core.statuses import CameraMotionStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
+from vfm_sdm.stages.camera_motion.depths import DEPTH_SLOPE, REST_PLACE
 from vfm_sdm.stages.camera_motion.estimation import (
     MotionEstimate,
     MotionModel,
@@ -144,7 +145,17 @@ def remove_camera_motion(
             continue
         jacobian = compute_motion_jacobian(camera, points3d)
         corrected[view], views[view] = _remove_from_view(*one, jacobian, seen_here, given[view][seen_here])
+    if any(views[view].far for view in far):
+        corrected = {view: _with_places(one, points3d) for view, one in corrected.items()}
     return CameraMotion({view: corrected[view] for view in tracks}, {view: views[view] for view in tracks})
+
+
+def _with_places(tracks: xr.Dataset, points3d: FloatArray) -> xr.Dataset:
+    """Tracks with what `follow_depths` needs, of a view that stands still or hardly moves as well."""
+    if DEPTH_SLOPE not in tracks:
+        nothing = np.zeros((*tracks["position"].shape, 3))
+        tracks = tracks.assign({DEPTH_SLOPE: (("time", "point", "pixel", "space"), nothing, {"units": "px/m"})})
+    return tracks.assign({REST_PLACE: (("point", "space"), points3d, {"units": "m"})})
 
 
 def _read_rest(names: Sequence[str], rest: Mapping[str, FloatArray]) -> FloatArray:
