@@ -101,7 +101,8 @@ def _judge(
     others = others if len(others) else np.array(motion.static)
     seen = np.isfinite(position[:, others]).all(axis=-1)
     with np.errstate(invalid="ignore"):
-        determined = largest_std(added[:, others]) <= DETERMINED_PX
+        # Points that contradict each other are a matter of their own.
+        determined = largest_std(added[:, others]) <= DETERMINED_PX * np.sqrt(max(motion.noise_factor, 1.0))
     if not np.mean(determined[seen]) > _OFTEN:
         return CameraMotionStatus.NOT_DETERMINED
     if len(motion.static) == FEWEST_STATIC:

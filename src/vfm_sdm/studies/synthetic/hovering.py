@@ -6,6 +6,7 @@ metres.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -25,10 +26,10 @@ HOVERING_POINTS = {
     "quarter": (-1.2, 0.05, 0.0),
     "middle": (0.0, -0.05, 0.0),
     "three quarters": (1.25, 0.02, 0.0),
-    "block": (0.3, 1.0, -2.0),
-    "pier": (-1.35, 1.02, 0.2),
-    "wall left": (-0.65, -0.95, 3.0),
-    "wall right": (0.9, -0.85, 3.0),
+    "block": (0.35, 1.0, -2.0),
+    "pier": (-1.7, 1.02, 0.2),
+    "wall left": (-0.75, -0.95, 3.0),
+    "wall right": (0.75, -0.85, 3.0),
 }
 """Points of the site [m]; the first three are on the structure."""
 STATIC_POINTS = ("block", "pier", "wall left", "wall right")
@@ -36,8 +37,8 @@ STATIC_POINTS = ("block", "pier", "wall left", "wall right")
 _HALF_ANGLE = np.deg2rad(22.5)
 _FACES = {
     "girder": ((-3.0, -0.38, 0.0), (6.0, 0.0, 0.0), (0.0, 0.76, 0.0)),
-    "block": ((-0.35, 0.6, -2.0), (1.3, 0.0, 0.0), (0.0, 1.6, 0.0)),
-    "pier": ((-2.6, 0.55, 0.2), (2.0, 0.0, 0.0), (0.0, 2.2, 0.0)),
+    "block": ((-0.1, 0.6, -2.0), (0.9, 0.0, 0.0), (0.0, 1.6, 0.0)),
+    "pier": ((-3.0, 0.55, 0.2), (2.0, 0.0, 0.0), (0.0, 2.2, 0.0)),
     "wall": ((-9.0, -6.0, 3.0), (18.0, 0.0, 0.0), (0.0, 12.0, 0.0)),
 }
 _LONGEST_M = 0.3
@@ -184,5 +185,9 @@ def film_hovering(
             R = Rotation.from_rotvec(turns[number]).as_matrix()
             pose = np.column_stack([R @ camera.rotation, R @ camera.translation + way[number]])
             renderer = Renderer(scene, replace(camera, cam_from_world=pose), reach_m=_REACH_M)
-        shift = displacement[number]
-        yield imager.expose(renderer.render(lambda places, shift=shift: np.tile(shift, (len(places), 1))), number)
+        yield imager.expose(renderer.render(partial(_shifted, displacement[number])), number)
+
+
+def _shifted(displacement: FloatArray, places: FloatArray) -> FloatArray:
+    """The same displacement (3,) at all places (P, 3) [m]."""
+    return np.tile(displacement, (len(places), 1))
