@@ -88,8 +88,6 @@ def sample_windows(
             continue
         homography = None if motion is None else motion.find(frame.luma)
         turning |= homography is not None
-        if homography is not None and not np.isfinite(homography).all():
-            continue  # the picture went far, and nobody knows where to
         for windows, center in zip(cuts, centers, strict=True):
             if homography is None:
                 windows.append(_cut(frame.luma, center, half_px))

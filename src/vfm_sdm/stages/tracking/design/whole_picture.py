@@ -10,10 +10,12 @@ __all__ = ["PictureMotion", "cut_turned"]
 
 _SMALL_PX, _TINY_PX = 960, 160
 """Width of the copies in which features are looked for, and of those that show whether the whole picture moves [px]."""
-_FAR = 0.02
-"""Share of the width by which a whole picture must move for its camera to be taken for one that moves far."""
-_CLEAR = 0.05
-"""Response of the phase correlation [1] below which it found nothing: what moves then is not the picture."""
+_DETAIL_PX = 4.0
+"""What is coarser than this (standard deviation) in the tiny copies hardly changes as a camera moves [px]."""
+_STILL = 0.5
+"""Correlation of their detail with that of the reference frame [1] from which on the camera is where it was."""
+_GAIN = 0.25
+"""By how much turning a picture back must raise that correlation [1]: else it is not the camera that moved."""
 _RATIO = 0.75
 """A feature's best match must be nearer than its second best by this factor (Lowe)."""
 _FEWEST = 12
@@ -31,8 +33,9 @@ class PictureMotion:
 
     Notes
     -----
-    Phase correlation of tiny copies says whether a picture moves at all: nothing else costs anything for cameras on
-    tripods. Where it does, features (SIFT) matched over the whole picture give the homography that most of them follow.
+    Tiny copies that correlate say that the camera is where it was: nothing else costs anything on a tripod. Where they
+    do not, features (SIFT) matched over the whole picture give the homography that most of them follow; it counts where
+    the picture turned back by it is clearly more like the reference frame.
 
     References
     ----------
@@ -42,29 +45,27 @@ class PictureMotion:
 
     def __init__(self, reference: LumaArray) -> None:
         self._width = reference.shape[1]
-        self._tiny = _shrink(reference, _TINY_PX)
-        self._window = cv2.createHanningWindow(self._tiny.shape[::-1], cv2.CV_32F)
-        self._small = _shrink(reference, _SMALL_PX)
+        self._small, self._tiny = _shrink(reference, _SMALL_PX), _detail(reference)
         self._features: tuple[FloatArray, Image] | None = None
 
     def find(self, luma: LumaArray) -> FloatArray | None:
-        """Homography from the reference frame to a frame, shape (3, 3) [px]; ``None`` where the picture stays near.
-
-        NaN where it does not stay near, and nothing tells where it went.
+        """Homography from the reference frame to a frame, shape (3, 3) [px]; ``None`` where no camera moved far.
 
         Parameters
         ----------
         luma
             The frame, shape (H, W).
         """
-        (u, v), response = cv2.phaseCorrelate(self._tiny, _shrink(luma, _TINY_PX), self._window)
-        if response >= _CLEAR and np.hypot(u, v) <= _FAR * self._tiny.shape[1]:
+        still = _correlate(self._tiny, _detail(luma))
+        if still >= _STILL:
             return None
-        found = self._match(_shrink(luma, _SMALL_PX))
+        small = _shrink(luma, _SMALL_PX)
+        found = self._match(small)
         if found is None:
-            return None if response < _CLEAR else np.full((3, 3), np.nan)
-        moved = cv2.perspectiveTransform(np.array([[[0.5 * n for n in self._small.shape[::-1]]]]), found)[0, 0]
-        if np.hypot(*(moved - np.array(self._small.shape[::-1]) / 2)) <= _FAR * self._small.shape[1]:
+            return None
+        size = self._small.shape[::-1]
+        back = np.float32(1) * cv2.warpPerspective(small, found, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        if not _correlate(self._tiny, _detail(back)) >= still + _GAIN:
             return None
         # A pixel's centre is a whole number in both sizes.
         scale = self._small.shape[1] / self._width
@@ -72,6 +73,7 @@ class PictureMotion:
         return np.asarray(np.linalg.inv(grow) @ found @ grow)
 
     def _match(self, small: Image) -> FloatArray | None:
+        """Homography from the small copy of the reference frame to another one; ``None`` where too few agree."""
         if self._features is None:
             self._features = _describe(self._small)
         (places, words), (others, theirs) = self._features, _describe(small)
@@ -116,7 +118,7 @@ def cut_turned(image: LumaArray, center: IntArray, half: int, homography: FloatA
     return window
 
 
-def _shrink(luma: LumaArray, width: int) -> Image:
+def _shrink(luma: LumaArray | Image, width: int) -> Image:
     """A copy of this width at most, from 0 to 255."""
     width = min(width, luma.shape[1])
     size = width, max(1, round(luma.shape[0] * width / luma.shape[1]))
@@ -125,7 +127,20 @@ def _shrink(luma: LumaArray, width: int) -> Image:
     return np.asarray((small - low) * (255.0 / max(high - low, 1.0)), np.float32)
 
 
+def _detail(luma: LumaArray | Image) -> Image:
+    """What is fine in a tiny copy."""
+    tiny = _shrink(luma, _TINY_PX)
+    return np.asarray(tiny - cv2.GaussianBlur(tiny, (0, 0), _DETAIL_PX), np.float32)
+
+
+def _correlate(first: Image, second: Image) -> float:
+    """Correlation coefficient of two pictures [1]; 0 where one is flat."""
+    spread = float(first.std() * second.std())
+    return float(np.mean((first - first.mean()) * (second - second.mean()))) / spread if spread > 0 else 0.0
+
+
 def _describe(small: Image) -> tuple[FloatArray, Image]:
+    """Places (N, 2) [px] and descriptors (N, 128) of the features of a picture."""
     points, words = cv2.SIFT.create(3000).detectAndCompute(small.astype(np.uint8), None)
     places = np.array([point.pt for point in points], np.float64).reshape(-1, 2)
-    return places, np.zeros((0, 128), np.float32) if words is None else words
+    return places, np.zeros((0, 128), np.float32) if words is None else np.asarray(words, np.float32)
