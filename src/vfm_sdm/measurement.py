@@ -239,9 +239,8 @@ class Measurement(SessionChain):
     def steady(self, session: Session) -> CameraMotion:
         """Tracks without the cameras' motion that static points show, and that motion; air adds to their covariance."""
         static = [p.name for p in session.point if p.static]
-        found = steady_tracks(
-            self.injected, self.cameras.rig, static * (session.method.camera_motion == "remove"), self.carried.rest
-        )
+        asked, known = static * (session.method.camera_motion == "remove"), self.cameras
+        found = steady_tracks(self.injected, known.rig, asked, self.carried.rest, known.place_std)
         return replace(found, tracks=include_static_noise(found.tracks, static))
 
     @product(
