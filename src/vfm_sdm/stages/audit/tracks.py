@@ -285,7 +285,8 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
                 known &= np.isfinite(one["half_covariance"].values).all(axis=(1, 2))
             if known.sum() > 10 and motion[number] > 0:
                 noise = NOISE_TRUST**2 * _compute_noise_of_halves(one)
-                excess = max(float(_without_slips(apart[known]).var(axis=0).sum()) - noise, 0.0)
+                left = _without_turns(apart[known], inputs.camera_motion.get(view), known)
+                excess = max(float(_without_slips(left).var(axis=0).sum()) - noise, 0.0)
                 found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
     return judge(
         name,
@@ -294,6 +295,21 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
         good="both halves of every subset move alike",
         bad="the halves of {} move apart: the square covers an edge, a plant or something else that moves",
     )
+
+
+def _without_turns(apart: FloatArray, motion: ViewMotion | None, known: BoolArray) -> FloatArray:
+    """Differences (N, 2) in the known frames, without what the pose of a camera that moves far makes of them.
+
+    A picture that turns and grows moves one half of a subset against the other, by an amount that follows the pose.
+    """
+    if motion is None or not motion.far:
+        return apart
+    pose = np.column_stack([motion.rotation, motion.translation])[known]
+    found = np.isfinite(pose).all(axis=1)
+    model = np.column_stack([np.ones(int(found.sum())), pose[found]])
+    left = apart[found] - model @ np.linalg.lstsq(model, apart[found], rcond=None)[0]
+    # Seven numbers take their share of what is left.
+    return np.asarray(left * np.sqrt(len(left) / max(len(left) - model.shape[1], 1)))
 
 
 def _without_slips(apart: FloatArray) -> FloatArray:
