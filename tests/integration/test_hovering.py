@@ -12,7 +12,7 @@ from vfm_sdm.stages.cameras.file import write_rig
 from vfm_sdm.studies.synthetic.hovering import HOVERING_POINTS, STATIC_POINTS, Hover, HoveringSite, film_hovering
 from vfm_sdm.studies.synthetic.recording import write_video
 
-FRAMES, FPS = 60, 20
+FRAMES, FPS = 44, 20
 SITE = HoveringSite(focal_px=1730.0, image_size=(640, 480))
 STD = dict.fromkeys(CAMERA_PARAMETERS, 0.0) | {"log_focal": 0.002, "cx": 1.0, "cy": 1.0, "k1": 0.002}
 FURTHER = STD | dict.fromkeys(("rx", "ry", "rz"), 5e-4) | dict.fromkeys(("tx", "ty", "tz"), 0.01)

@@ -15,8 +15,10 @@ __all__ = ["LINEAR_ERROR_PX", "FarMotion", "Mapped", "find_far_motion", "map_bac
 
 LINEAR_ERROR_PX = 0.05
 """What the linear model of small shifts may leave, ``shift^2 / (2 f)`` [px]; beyond, the exact one is used."""
+_MOST_LINEAR_PX = 0.5
+"""The same where fewer than three static points are there, which poses need [px]."""
 _MOST = 0.95
-"""Share of the static points' samples that must shift less: a few that slip are no motion of the camera."""
+"""Share of the frames that must shift less."""
 _ROUNDS = 3
 _REFINED_FROM = 2000
 """Frames at most that refine lens and places: a hundred times as many as there are numbers to refine."""
@@ -66,6 +68,10 @@ def moves_far(position: FloatArray, rest: FloatArray, focal_px: float) -> bool:
     focal_px
         Focal length [px].
 
+    Notes
+    -----
+    Judged by the error of the linear model, 0.05 px; of one or two points, which show no pose, by 0.5 px.
+
     Examples
     --------
     >>> position = np.zeros((100, 3, 2))
@@ -74,8 +80,15 @@ def moves_far(position: FloatArray, rest: FloatArray, focal_px: float) -> bool:
     (True, False)
     """
     shift = np.linalg.norm(position - rest, axis=-1)
-    shift = shift[np.isfinite(shift)]
-    return bool(shift.size) and float(np.quantile(shift, _MOST)) ** 2 / (2 * focal_px) > LINEAR_ERROR_PX
+    known = np.isfinite(shift)
+    if not known.any():
+        return False
+    # A camera moves all points: the lower of the middle ones, so that one that slips decides nothing.
+    usual = np.sort(np.where(known, shift, np.inf), axis=1)
+    frames = np.flatnonzero(known.any(axis=1))
+    middle = usual[frames, (known.sum(axis=1)[frames] - 1) // 2]
+    error_px = float(np.quantile(middle, _MOST)) ** 2 / (2 * focal_px)
+    return error_px > (LINEAR_ERROR_PX if known.any(axis=0).sum() >= FEWEST_STATIC else _MOST_LINEAR_PX)
 
 
 def find_far_motion(position: FloatArray, covariance: FloatArray, static: Sequence[int], prior: Places) -> FarMotion:

@@ -124,7 +124,9 @@ def remove_camera_motion(
     positions = {view: trusted_values(tracks[view], "position") for view in rig.names}
     indices = [names.index(name) for name in static]
     given = {view: _read_rest(names, (rest or {}).get(view, {})) for view in rig.names}
-    first = {view: np.where(np.isfinite(given[view]), given[view], positions[view][0]) for view in rig.names}
+    first = {
+        view: np.where(np.isfinite(given[view]), given[view], mean_of_known(positions[view][:1])) for view in rig.names
+    }
     far = [
         view
         for view, camera in zip(rig.names, rig.cameras, strict=True)

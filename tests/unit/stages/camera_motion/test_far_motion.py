@@ -232,3 +232,17 @@ def test_small_shifts_stay_with_the_linear_model():
     assert not moves_far(shifts, rest, 3300.0)  # 17 px: 0.044 px
     assert moves_far(2 * shifts, rest, 3300.0)
     assert not moves_far(np.full((200, 4, 2), np.nan), rest, 3300.0)
+
+
+def test_one_static_point_that_slips_is_no_camera_that_moves_far():
+    shifts = np.full((200, 4, 2), 1.0)
+    shifts[50:, 2] = 40.0
+    assert not moves_far(shifts, np.zeros((4, 2)), 3300.0)
+    assert moves_far(40 * shifts, np.zeros((4, 2)), 3300.0)
+
+
+def test_one_or_two_points_keep_the_linear_model_for_longer():
+    shifts = np.full((200, 2, 2), 25.0)
+    rest = np.zeros((2, 2))
+    assert not moves_far(shifts, rest, 3300.0)  # 35 px: 0.19 px
+    assert moves_far(2 * shifts, rest, 3300.0)

@@ -64,7 +64,8 @@ class PictureMotion:
         if found is None:
             return None
         size = self._small.shape[::-1]
-        back = np.float32(1) * cv2.warpPerspective(small, found, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        turned = cv2.warpPerspective(small, found, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        back = np.asarray(turned, np.float32)
         if not _correlate(self._tiny, _detail(back)) >= still + _GAIN:
             return None
         # A pixel's centre is a whole number in both sizes.
@@ -122,7 +123,7 @@ def _shrink(luma: LumaArray | Image, width: int) -> Image:
     """A copy of this width at most, from 0 to 255."""
     width = min(width, luma.shape[1])
     size = width, max(1, round(luma.shape[0] * width / luma.shape[1]))
-    small = cv2.resize(luma.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    small = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.float32)
     low, high = float(small.min()), float(small.max())
     return np.asarray((small - low) * (255.0 / max(high - low, 1.0)), np.float32)
 
