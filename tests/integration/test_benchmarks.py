@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
     "drone": ["--frames", "12", "--width", "640", "--whole-squares"],
+    "drone_points": ["--frames", "40"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
     "lines": ["--draws", "1", "--readings", "level alone", "--rectangles", "1"],
@@ -32,6 +33,8 @@ SMALLEST = {
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
 SLOW = {
+    "drone",
+    "drone_points",
     "end_to_end",
     "lens",
     "lines",
