@@ -34,7 +34,7 @@ from vfm_sdm.outputs.plots import describe_run, first_places, save_figures, save
 from vfm_sdm.outputs.results import describe_measurement
 from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, REVISIT, TRACKS
 from vfm_sdm.stages.audit import Audit, AuditInputs, audit
-from vfm_sdm.stages.camera_motion import CameraMotion, steady_tracks
+from vfm_sdm.stages.camera_motion import CameraMotion, follow_depths, steady_tracks
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.cameras.solve import solve_cameras
 from vfm_sdm.stages.displacement.monocular import measure_planar
@@ -217,9 +217,8 @@ class Measurement(RecordedChain):
     def steady(self, session: Session) -> CameraMotion:
         """Tracks without the cameras' motion that static points show, and that motion; air adds to their covariance."""
         static = [p.name for p in session.point if p.static]
-        found = steady_tracks(
-            self.injected, self.cameras.rig, static * (session.method.camera_motion == "remove"), self.carried.rest
-        )
+        asked, known = static * (session.method.camera_motion == "remove"), self.cameras
+        found = steady_tracks(self.injected, known.rig, asked, self.carried.rest, known.place_std)
         return replace(found, tracks=include_static_noise(found.tracks, static))
 
     @product(
@@ -233,7 +232,7 @@ class Measurement(RecordedChain):
         """Tracks of all views on the reference view's clock, what is known of each view's clock, and of the origin."""
         known = self.cameras.rig if self.cameras.status == CameraStatus.OK else None
         static = [p.name for p in session.point if p.static]
-        found = synchronize_tracks(session, self.steady.tracks, known)
+        found = follow_depths(synchronize_tracks(session, self.steady.tracks, known), self.cameras.rig)
         return self.carried.put_into(include_origin(found, static, session.method.still_interval_s))
 
     @product(reads=("method.refinement", "method.sgr", "method.still_interval_s"), needs=("cameras", "aligned"))

@@ -14,6 +14,8 @@ from benchmark_lines import read_last_line, without_unit
 ROOT = Path(__file__).parents[2]
 SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
+    "drone": ["--frames", "12", "--width", "640", "--whole-squares"],
+    "drone_points": ["--frames", "40"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "fusion": ["--records", "1", "--duration", "15", "--cases", "good sensor", "phone"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
@@ -33,6 +35,8 @@ SMALLEST = {
     "triangulation": ["--points", "40", "--rounds", "1"],
 }
 SLOW = {
+    "drone",
+    "drone_points",
     "end_to_end",
     "lens",
     "lines",

@@ -132,7 +132,10 @@ class BoardStatus(StrEnum):
 
 
 class CameraMotionStatus(StrEnum):
-    """Result of the removal of camera motion in a view; with the first two its tracks are changed."""
+    """Result of the removal of camera motion in a view.
+
+    With `OK`, `ONE_POINT`, `FOLLOWED` and `FOLLOWED_BY_THREE` its tracks are changed.
+    """
 
     OK = "ok"
     """Static points, each predicted by the others, scatter less."""
@@ -144,6 +147,14 @@ class CameraMotionStatus(StrEnum):
     """The static points move together, but not as with a moving camera."""
     NO_POINTS = "no static points"
     """No static point has a known depth."""
+    FOLLOWED = "followed"
+    """The camera moves far; its pose was found in each frame, and the static points predict each other."""
+    FOLLOWED_BY_THREE = "followed by three static points"
+    """The same, but nothing shows that these points did not move themselves."""
+    TOO_FEW = "too few static points"
+    """The camera moves far, and fewer than three static points show how."""
+    NOT_DETERMINED = "static points do not determine the pose"
+    """The camera moves far, and the static points lie on one line, or too close together, or are seen too rarely."""
 
 
 class ClockStatus(StrEnum):

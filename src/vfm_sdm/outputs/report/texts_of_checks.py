@@ -158,6 +158,21 @@ _SENTENCES: Mapping[str, str] = {
     "what stands still moves in its picture": "was ruht, bewegt sich in ihrem Bild",
     "{before:n} px (rms) were removed with the help of {count:n} static points, {after:n} px are left": "{before} px "
     "(Effektivwert) wurden mithilfe von {count} Festpunkten entfernt, {after} px bleiben",
+    "camera {view} moved far": "Kamera {view} bewegte sich weit",
+    "{before:n} px (rms) were taken out by its pose in every frame, found by {count:n} static points; {after:n} px are "
+    "left of each by the others": "{before} px (Effektivwert) wurden durch ihre Lage in jedem Bild herausgenommen, die "
+    "{count} Festpunkte zeigen; je Festpunkt bleiben durch die anderen {after} px",
+    "{before:n} px (rms) were taken out by its pose in every frame; three static points show it and nothing checks "
+    "them": "{before} px (Effektivwert) wurden durch ihre Lage in jedem Bild herausgenommen; drei Festpunkte zeigen "
+    "sie, und nichts prüft diese",
+    "name a fourth": "einen vierten benennen",
+    "camera {view} moves far, and fewer than three static points show how; name four or more at several depths": ""
+    "Kamera {view} bewegt sich weit, und weniger als drei Festpunkte zeigen, wie; vier oder mehr in mehreren Tiefen "
+    "benennen",
+    "camera {view} moves far, and its static points do not show how": "Kamera {view} bewegt sich weit, und ihre "
+    "Festpunkte zeigen nicht, wie",
+    "they lie on one line or leave the picture; name four or more at several depths, all around the structure": "sie "
+    "liegen auf einer Linie oder verlassen das Bild; vier oder mehr in mehreren Tiefen rings um das Bauwerk benennen",
     "the picture does not follow the structure": "das Bild folgt dem Bauwerk nicht",
     "the picture of {view} follows the structure": "das Bild von {view} folgt dem Bauwerk",
     "the camera stabilises": "die Kamera stabilisiert",

@@ -10,6 +10,7 @@ from vfm_sdm.core.covariances import edges_across, find_edges, measured_variance
 from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import CameraMotionStatus, Outcome
 from vfm_sdm.stages.audit.model import NOISE_TRUST, AuditCheck, AuditInputs, Limits, judge
+from vfm_sdm.stages.camera_motion import ViewMotion
 
 __all__ = [
     "check_camera_motion",
@@ -40,6 +41,12 @@ _FOLLOWS_CORRELATION = 0.7
 _SLIP = 7.0
 """Times the middle difference of halves (5 standard deviations of noise) beyond which one of them is lost."""
 _HALVES_CAUTION, _HALVES_FAIL = 0.1, 0.3
+_LOST_POSES: dict[str, str] = {
+    CameraMotionStatus.TOO_FEW: "camera {!r} moves far, and fewer than three static points show how; name four or more "
+    "at several depths",
+    CameraMotionStatus.NOT_DETERMINED: "camera {!r} moves far, and its static points do not show how: they lie on one "
+    "line or leave the picture; name four or more at several depths, all around the structure",
+}
 _NO_STATIC = (
     "no point that must not move was named and found: a tripod that moves looks like a structure that moves. Name two "
     "on an abutment or behind the structure (static = true)"
@@ -189,14 +196,33 @@ def check_camera_motion(inputs: AuditInputs) -> AuditCheck:
         good="the cameras stood still",
         bad="camera '{}' moved: what stands still moves in its picture",
     )
+    lost = {view: why for view, one in inputs.camera_motion.items() if (why := _LOST_POSES.get(one.status, ""))}
+    if lost and check.outcome == Outcome.FAIL:
+        view, why = next(iter(lost.items()))
+        return replace(check, where=view, sentence=why.format(view))
     if not removed or check.outcome == Outcome.FAIL:
         return check
     view, motion = max(removed.items(), key=lambda pair: pair[1].rms_before_px)
-    sentence = (
-        f"camera {view!r} moved: {motion.rms_before_px:.2f} px (rms) were removed with the help of "
-        f"{len(motion.static)} static points, {motion.rms_after_px:.2f} px are left"
+    return AuditCheck(name, Outcome.CAUTION, check.value, _STILL_CAUTION, "1", _describe_removed(view, motion), view)
+
+
+def _describe_removed(view: str, motion: ViewMotion) -> str:
+    """What was taken out of a view, and how it was checked."""
+    count, before, after = len(motion.static), motion.rms_before_px, motion.rms_after_px
+    if motion.status == CameraMotionStatus.FOLLOWED_BY_THREE:
+        return (
+            f"camera {view!r} moved far: {before:.2f} px (rms) were taken out by its pose in every frame; three static "
+            "points show it and nothing checks them: name a fourth"
+        )
+    if motion.far:
+        return (
+            f"camera {view!r} moved far: {before:.2f} px (rms) were taken out by its pose in every frame, found by "
+            f"{count} static points; {after:.3f} px are left of each by the others"
+        )
+    return (
+        f"camera {view!r} moved: {before:.2f} px (rms) were removed with the help of {count} static points, "
+        f"{after:.2f} px are left"
     )
-    return AuditCheck(name, Outcome.CAUTION, check.value, _STILL_CAUTION, "1", sentence, view)
 
 
 def check_stabilization(inputs: AuditInputs) -> AuditCheck:
@@ -205,8 +231,10 @@ def check_stabilization(inputs: AuditInputs) -> AuditCheck:
     if not inputs.static:
         return AuditCheck(name, Outcome.NOT_POSSIBLE, float("nan"), _FOLLOWS_CAUTION, "1", _NO_STATIC)
     found = {}
-    for view, tracks in inputs.tracks.items():
+    for view, tracked in inputs.tracks.items():
         motion = inputs.motion_px(view)
+        far = view in inputs.camera_motion and inputs.camera_motion[view].far
+        tracks = inputs.aligned.sel(view=view) if far else tracked  # what is left of far motion may follow
         common, _ = _compute_common_motion(tracks, inputs.static_in(view))
         if not len(common) or not np.fmax.reduce(motion, initial=0.0) > 0:
             continue
@@ -257,7 +285,8 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
                 known &= np.isfinite(one["half_covariance"].values).all(axis=(1, 2))
             if known.sum() > 10 and motion[number] > 0:
                 noise = NOISE_TRUST**2 * _compute_noise_of_halves(one)
-                excess = max(float(_without_slips(apart[known]).var(axis=0).sum()) - noise, 0.0)
+                left = _without_turns(apart[known], inputs.camera_motion.get(view), known)
+                excess = max(float(_without_slips(left).var(axis=0).sum()) - noise, 0.0)
                 found[f"{point} in {view}"] = float(np.sqrt(excess) / motion[number])
     return judge(
         name,
@@ -266,6 +295,21 @@ def check_halves(inputs: AuditInputs) -> AuditCheck:
         good="both halves of every subset move alike",
         bad="the halves of {} move apart: the square covers an edge, a plant or something else that moves",
     )
+
+
+def _without_turns(apart: FloatArray, motion: ViewMotion | None, known: BoolArray) -> FloatArray:
+    """Differences (N, 2) in the known frames, without what the pose of a camera that moves far makes of them.
+
+    A picture that turns and grows moves one half of a subset against the other, by an amount that follows the pose.
+    """
+    if motion is None or not motion.far:
+        return apart
+    pose = np.column_stack([motion.rotation, motion.translation])[known]
+    found = np.isfinite(pose).all(axis=1)
+    model = np.column_stack([np.ones(int(found.sum())), pose[found]])
+    left = apart[found] - model @ np.linalg.lstsq(model, apart[found], rcond=None)[0]
+    # Seven numbers take their share of what is left.
+    return np.asarray(left * np.sqrt(len(left) / max(len(left) - model.shape[1], 1)))
 
 
 def _without_slips(apart: FloatArray) -> FloatArray:

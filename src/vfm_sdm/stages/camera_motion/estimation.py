@@ -15,6 +15,7 @@ __all__ = [
     "MotionModel",
     "compute_motion_jacobian",
     "fit_motion",
+    "jacobian_in_camera",
     "replace_doubtful",
 ]
 
@@ -158,12 +159,30 @@ def compute_motion_jacobian(camera: Camera, points3d: FloatArray) -> FloatArray:
     >>> jacobian[0].round(3).tolist()
     [[0.0, 1000.0, 0.0, 50.0, 0.0, 0.0], [-1000.0, 0.0, 0.0, 0.0, 50.0, 0.0]]
     """
-    X = points3d @ camera.rotation.T + camera.translation
-    x, y, depth = X[:, 0] / X[:, 2], X[:, 1] / X[:, 2], X[:, 2]
+    return jacobian_in_camera(camera, points3d @ camera.rotation.T + camera.translation)
+
+
+def jacobian_in_camera(camera: Camera, X: FloatArray) -> FloatArray:
+    """Change of pixels with a small motion of the camera, of points in the camera's own axes.
+
+    Parameters
+    ----------
+    camera
+        Its lens; its pose does not count.
+    X
+        Camera's axes, shape (..., 3) [length unit of the rig]; NaN where unknown.
+
+    Returns
+    -------
+    jacobian
+        Shape (..., 2, 6) [px/rad, px per length unit], see `compute_motion_jacobian`.
+    """
+    x, y, depth = X[..., 0] / X[..., 2], X[..., 1] / X[..., 2], X[..., 2]
     zero, one = np.zeros_like(x), np.ones_like(x)
+    rows = (*x.shape, 2, 3)
     # Of the normalised coordinates by w and s; w x X = (wy z - wz y, wz x - wx z, wx y - wy x).
-    by_rotation = np.stack([-x * y, 1 + x * x, -y, -(1 + y * y), x * y, x], axis=-1).reshape(-1, 2, 3)
-    by_translation = np.stack([one, zero, -x, zero, one, -y], axis=-1).reshape(-1, 2, 3) / depth[:, None, None]
+    by_rotation = np.stack([-x * y, 1 + x * x, -y, -(1 + y * y), x * y, x], axis=-1).reshape(rows)
+    by_translation = np.stack([one, zero, -x, zero, one, -y], axis=-1).reshape(rows) / depth[..., None, None]
     lens = camera.K[:2, :2] @ distort_derivative(np.stack([x, y], axis=-1), camera.distortion)
     return np.asarray(lens @ np.concatenate([by_rotation, by_translation], axis=-1))
 

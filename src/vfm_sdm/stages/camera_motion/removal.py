@@ -13,6 +13,7 @@ from vfm_sdm.core.statuses import CameraMotionStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
+from vfm_sdm.stages.camera_motion.depths import DEPTH_SLOPE, REST_PLACE
 from vfm_sdm.stages.camera_motion.estimation import (
     MotionEstimate,
     MotionModel,
@@ -20,8 +21,19 @@ from vfm_sdm.stages.camera_motion.estimation import (
     fit_motion,
     replace_doubtful,
 )
+from vfm_sdm.stages.camera_motion.far import moves_far
+from vfm_sdm.stages.camera_motion.far_removal import remove_far_motion
+from vfm_sdm.stages.camera_motion.places import Places, locate
+from vfm_sdm.stages.camera_motion.view_motion import (
+    CameraMotion,
+    ViewMotion,
+    compute_predicted_share,
+    compute_scatter,
+    keep_measured,
+    root_mean_square,
+)
 
-__all__ = ["CameraMotion", "ViewMotion", "remove_camera_motion", "steady_tracks"]
+__all__ = ["remove_camera_motion", "steady_tracks"]
 
 _SIGNIFICANT = 20.0
 """Likelihood ratio that a still camera reaches once in 10^5 recordings (chi-square with one degree of freedom)."""
@@ -33,76 +45,12 @@ _CLEAR_PX = 0.1
 """Multiples of their noise, and of a drift, that the shifts of a single static point must exceed: nothing checks it."""
 
 
-@dataclass(frozen=True, eq=False)
-class ViewMotion:
-    """Motion of one camera, T frames on the view's own clock.
-
-    Parameters
-    ----------
-    status
-        One of `vfm_sdm.core.statuses.CameraMotionStatus`.
-    static
-        Names of the S static points that were used.
-    rotation, rotation_std
-        Shape (T, 3) [rad], about the camera's own axes right, down and forward; NaN where no static point is seen.
-    translation, translation_std
-        Shape (T, 3) [m], along the same axes. A point at X in the axes of the camera at rest is at ``X + w x X + s``
-        in those of the moved camera, with the rotation w and the translation s; both are relative to their mean.
-    point_rms_before_px, point_rms_after_px
-        Root mean square shift of each static point from its mean, shape (S,) [px]: as tracked, and less what the other
-        static points predict. NaN for a single point.
-    rest
-        Pixels of the static points with the camera at rest, shape (S, 2) [px].
-    """
-
-    status: str
-    static: tuple[str, ...]
-    rotation: FloatArray
-    rotation_std: FloatArray
-    translation: FloatArray
-    translation_std: FloatArray
-    point_rms_before_px: FloatArray
-    point_rms_after_px: FloatArray
-    rest: FloatArray
-
-    @property
-    def applied(self) -> bool:
-        """Whether the motion was removed from the tracks."""
-        return self.status in {CameraMotionStatus.OK, CameraMotionStatus.ONE_POINT}
-
-    @property
-    def rms_before_px(self) -> float:
-        """Shift of the static points, root mean square over points and frames [px]; NaN without any."""
-        return _root_mean_square(self.point_rms_before_px)
-
-    @property
-    def rms_after_px(self) -> float:
-        """What the other static points leave of it [px]; NaN with fewer than two."""
-        return _root_mean_square(self.point_rms_after_px)
-
-
-@dataclass(frozen=True, eq=False)
-class CameraMotion:
-    """Tracks without the motion of the cameras, and that motion.
-
-    Parameters
-    ----------
-    tracks
-        Tracks by view name, shape (T, P, 2) [px]; where the motion of a view was not removed, they are the dataset that
-        was given.
-    views
-        Motion of each camera by view name.
-    """
-
-    tracks: Mapping[str, xr.Dataset]
-    views: Mapping[str, ViewMotion]
-
-
 def steady_tracks(
     tracks: Mapping[str, xr.Dataset],
     rig: Rig | None,
     static: Sequence[str],
     rest: Mapping[str, Mapping[str, FloatArray]] | None = None,
+    place_std: FloatArray | None = None,
 ) -> CameraMotion:
     """As `remove_camera_motion`, and the tracks as they are where nothing can show the cameras' motion.
 
@@ -114,12 +62,12 @@ def steady_tracks(
         Cameras; without metres, depths of points are unknown and nothing is removed.
     static
         Names of the points that must not move; without any, nothing is removed.
-    rest
+    rest, place_std
         See `remove_camera_motion` [px].
     """
     if not static or rig is None or not rig.metric:
         return CameraMotion(tracks, {})
-    return remove_camera_motion(tracks, rig, static, rest)
+    return remove_camera_motion(tracks, rig, static, rest, place_std)
 
 
 def remove_camera_motion(
@@ -127,6 +75,7 @@ def remove_camera_motion(
     rig: Rig,
     static: Sequence[str],
     rest: Mapping[str, Mapping[str, FloatArray]] | None = None,
+    place_std: FloatArray | None = None,
 ) -> CameraMotion:
     """Tracks as cameras that stand still would have seen them.
 
@@ -143,6 +92,8 @@ def remove_camera_motion(
     rest
         Pixels of static points (2,) by view and point with the cameras at rest, where an earlier part of the recording
         told them [px]: motion is relative to those, so that it goes on where that of the earlier part ended.
+    place_std
+        How well the same place was found in every view, shape (V, P, 2) [px], where it is known.
 
     Returns
     -------
@@ -171,18 +122,47 @@ def remove_camera_motion(
     """
     names = _check_inputs(tracks, rig, static)
     positions = {view: trusted_values(tracks[view], "position") for view in rig.names}
-    points3d = triangulate(np.stack([mean_of_known(positions[view]) for view in rig.names]), rig)
+    indices = [names.index(name) for name in static]
+    given = {view: _read_rest(names, (rest or {}).get(view, {})) for view in rig.names}
+    first = {
+        view: np.where(np.isfinite(given[view]), given[view], mean_of_known(positions[view][:1])) for view in rig.names
+    }
+    far = [
+        view
+        for view, camera in zip(rig.names, rig.cameras, strict=True)
+        if moves_far(positions[view][:, indices], first[view][indices], camera.focal_px)
+    ]
+    at_rest = np.stack([first[v] if v in far else mean_of_known(positions[v]) for v in rig.names])
+    points3d = triangulate(at_rest, rig)
     points3d = np.where(in_front_of_all(points3d, rig)[:, None], points3d, np.nan)
-    usable = [names.index(name) for name in static if np.isfinite(points3d[names.index(name)]).all()]
+    usable = [index for index in indices if np.isfinite(points3d[index]).all()]
+    places: Sequence[Places] = locate(at_rest, rig, place_std) if far else ()
     corrected, views = {}, {}
-    for view, camera in zip(rig.names, rig.cameras, strict=True):
-        jacobian = compute_motion_jacobian(camera, points3d)
+    for number, (view, camera) in enumerate(zip(rig.names, rig.cameras, strict=True)):
         # A point that other views alone see says nothing of this camera.
         seen_here = [index for index in usable if np.isfinite(positions[view][:, index]).any()]
-        given = (rest or {}).get(view, {})
-        at_rest = np.array([given.get(names[index], _UNKNOWN_REST) for index in seen_here]).reshape(-1, 2)
-        corrected[view], views[view] = _remove_from_view(tracks[view], positions[view], jacobian, seen_here, at_rest)
+        one = tracks[view], positions[view]
+        if view in far:
+            corrected[view], views[view] = remove_far_motion(*one, seen_here, places[number], first[view])
+            continue
+        jacobian = compute_motion_jacobian(camera, points3d)
+        corrected[view], views[view] = _remove_from_view(*one, jacobian, seen_here, given[view][seen_here])
+    if any(views[view].far for view in far):
+        corrected = {view: _with_places(one, points3d) for view, one in corrected.items()}
     return CameraMotion({view: corrected[view] for view in tracks}, {view: views[view] for view in tracks})
+
+
+def _with_places(tracks: xr.Dataset, points3d: FloatArray) -> xr.Dataset:
+    """Tracks with what `follow_depths` needs, of a view that stands still or hardly moves as well."""
+    if DEPTH_SLOPE not in tracks:
+        nothing = np.zeros((*tracks["position"].shape, 3))
+        tracks = tracks.assign({DEPTH_SLOPE: (("time", "point", "pixel", "space"), nothing, {"units": "px/m"})})
+    return tracks.assign({REST_PLACE: (("point", "space"), points3d, {"units": "m"})})
+
+
+def _read_rest(names: Sequence[str], rest: Mapping[str, FloatArray]) -> FloatArray:
+    """Pixels of all points with a camera at rest, as far as they are known, shape (P, 2) [px]."""
+    return np.array([rest.get(name, _UNKNOWN_REST) for name in names]).reshape(-1, 2)
 
 
 def _check_inputs(tracks: Mapping[str, xr.Dataset], rig: Rig, static: Sequence[str]) -> list[str]:
@@ -222,17 +202,17 @@ def _remove_from_view(
     series = _MotionSeries(*(np.concatenate([getattr(p, name) for p in parts]) for name in _MotionSeries.names()))
     across = edges_across(tracks)[usable]
     shifts = _compute_shifts(position[:, usable], seen, model.rest, series.predicted)
-    shift, left = (_keep_measured(one, across) for one in shifts)
-    before, after = _compute_scatter(shift), _compute_scatter(left)
+    shift, left = (keep_measured(one, across) for one in shifts)
+    before, after = compute_scatter(shift), compute_scatter(left)
     if model.likelihood_ratio < _SIGNIFICANT:
         status = CameraMotionStatus.STILL
     elif len(usable) == 1:
         stated = tracks["position_covariance"].values[:, usable]
-        noise_px = _root_mean_square(np.sqrt(measured_variance(stated, across)[seen]))
+        noise_px = root_mean_square(np.sqrt(measured_variance(stated, across)[seen]))
         clear = before[0] > max(_CLEAR * noise_px, _CLEAR_PX)
         status = CameraMotionStatus.ONE_POINT if clear else CameraMotionStatus.STILL
     else:
-        predicted = _compute_predicted_share(shift, left, rest) > _PREDICTED
+        predicted = compute_predicted_share(shift, left, rest) > _PREDICTED
         status = CameraMotionStatus.OK if predicted else CameraMotionStatus.NO_GAIN
     found = np.asarray(seen.any(axis=1))[:, None]
     motion, std = (np.where(found, one, np.nan) for one in (series.motion, series.std))
@@ -274,37 +254,6 @@ def _compute_shifts(
     others = seen & (seen.sum(axis=1, keepdims=True) > 1)
     shift = np.where(others[..., None], position - rest, np.nan)
     return shift, shift - predicted
-
-
-def _keep_measured(shift: FloatArray, across: FloatArray) -> FloatArray:
-    """Shifts (T, S, 2) [px]; of edges, whose directions across are (S, 2), the part across."""
-    part = np.einsum("tpi,pi->tp", shift, across)[..., None] * across
-    return np.where(np.isfinite(across), part, shift)
-
-
-def _compute_predicted_share(shift: FloatArray, left: FloatArray, rest: FloatArray) -> float:
-    """Share of the shifts' variance, beyond noise that is white in time, that the others predict; at most 1.
-
-    Of a point whose rest (S, 2) [px] is known, shifts count from there: a camera that has left it may keep still in
-    this part of the recording, and what was taken out before would come back.
-    """
-    known = np.asarray(np.isfinite(rest).all(axis=1))[:, None]
-    before, after = (_root_mean_square(_compute_scatter(one, known)) ** 2 for one in (shift, left))
-    white = _root_mean_square(np.diff(left, axis=0)) ** 2
-    # Twice the variance of u or v, as the difference of two frames has it, is what u and v have together.
-    return (before - after) / max(before - min(white, after), np.finfo(float).tiny)
-
-
-def _compute_scatter(shift: FloatArray, from_rest: BoolArray | bool = False) -> FloatArray:
-    """Root mean square distance from the mean over time, or from the rest, (T, S, 2) to (S,); NaN without samples."""
-    squares = mean_of_known((shift - np.where(from_rest, 0.0, mean_of_known(shift))) ** 2)
-    return np.asarray(np.sqrt(squares.sum(axis=-1)))
-
-
-def _root_mean_square(values: FloatArray) -> float:
-    """Root of the mean square of what is not NaN; NaN where nothing is known."""
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
 def _subtract_motion(

@@ -55,6 +55,11 @@ class CameraSolution:
     suspects: tuple[Suspect, ...] = ()
     contributions: tuple[Contribution, ...] = ()
 
+    @property
+    def place_std(self) -> FloatArray:
+        """How well the same place was found in every view, shape (V, P, 2) [px]; NaN where that is not known."""
+        return np.asarray(self.points["position_std"].transpose("view", "point", "pixel").values)
+
     @classmethod
     def of(cls, adjusted: SiteAdjustment, points: xr.Dataset) -> Self:
         """The solution that an adjustment gives.

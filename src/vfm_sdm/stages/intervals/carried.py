@@ -37,7 +37,8 @@ class Carried:
     Parameters
     ----------
     rest
-        Pixels (2,) of static points with the cameras at rest, by view and point [px].
+        Pixels (2,) of static points with the cameras at rest, of cameras that move far of all points, by view and point
+        [px].
     origin
         Positions that displacement is relative to (point, axis) [m, of a single view px], by ``unrefined`` and
         ``refined``.
@@ -142,7 +143,8 @@ class Carried:
         return xr.Dataset({name: self.disagreement[name].where(before, found[name]) for name in names})
 
     def _rest_of(self, motion: ViewMotion) -> dict[str, FloatArray]:
-        return dict(zip(motion.static, motion.rest, strict=True))
+        # Where a camera moves far, nothing but its first frame tells where points are that come to rest elsewhere.
+        return {**motion.places, **dict(zip(motion.static, motion.rest, strict=True))}
 
 
 def _unknown_disagreement(aligned: xr.Dataset) -> dict[str, tuple[tuple[str, ...], FloatArray]]:

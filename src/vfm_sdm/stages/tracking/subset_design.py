@@ -73,6 +73,9 @@ def design_subsets(
     `vfm_sdm.stages.tracking.design.samples.find_covered`; of a point that is named in another frame than the first, all
     that do not resemble that frame (`vfm_sdm.stages.tracking.design.samples.find_hidden`): it may be hidden in most.
 
+    Of a camera that moves far, such as a drone, the sample frames are turned back to where the picture on the whole was
+    (`vfm_sdm.stages.tracking.design.whole_picture.PictureMotion`), and warps are affine.
+
     Where less than two other frames can be read, or the square leaves the picture, nothing is known of a point: it gets
     a whole square and an affine warp.
 
@@ -112,7 +115,7 @@ def design_subsets(
             if len(frames) <= _FEWEST_FRAMES:
                 return _unknown(subset_px)
         seen = np.append(True, ~find_covered(_middle(frames, max(fitting) + 2 * MARGIN_PX)))
-        choice = choose_subset(frames[seen], offset, fitting)
+        choice = choose_subset(frames[seen], offset, fitting, turning=sampled.turning)
         return replace(choice, nearest=_place_inside(choice.nearest + points[row], limit))
 
     with ThreadPoolExecutor() as executor:

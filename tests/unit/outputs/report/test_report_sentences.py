@@ -112,6 +112,29 @@ def test_forms_keep_what_stands_in_their_gaps():
             "Ausschnitt oder mehr Licht verwenden; Stative: Kamera 'left' bewegte sich: 0,25 px (Effektivwert) wurden "
             "mithilfe von 2 Festpunkten entfernt, 0,01 px bleiben",
         ),
+        (
+            "camera 'left' moved far: 46.50 px (rms) were taken out by its pose in every frame, found by 4 static "
+            "points; 0.010 px are left of each by the others",
+            "Kamera 'left' bewegte sich weit: 46,50 px (Effektivwert) wurden durch ihre Lage in jedem Bild "
+            "herausgenommen, die 4 Festpunkte zeigen; je Festpunkt bleiben durch die anderen 0,010 px",
+        ),
+        (
+            "camera 'left' moved far: 46.50 px (rms) were taken out by its pose in every frame; three static points "
+            "show it and nothing checks them: name a fourth",
+            "Kamera 'left' bewegte sich weit: 46,50 px (Effektivwert) wurden durch ihre Lage in jedem Bild "
+            "herausgenommen; drei Festpunkte zeigen sie, und nichts prüft diese: einen vierten benennen",
+        ),
+        (
+            "camera 'left' moves far, and fewer than three static points show how; name four or more at several depths",
+            "Kamera 'left' bewegt sich weit, und weniger als drei Festpunkte zeigen, wie; vier oder mehr in mehreren "
+            "Tiefen benennen",
+        ),
+        (
+            "camera 'left' moves far, and its static points do not show how: they lie on one line or leave the "
+            "picture; name four or more at several depths, all around the structure",
+            "Kamera 'left' bewegt sich weit, und ihre Festpunkte zeigen nicht, wie: sie liegen auf einer Linie oder "
+            "verlassen das Bild; vier oder mehr in mehreren Tiefen rings um das Bauwerk benennen",
+        ),
         ("point 'a' was not refined: both views poor", "Punkt 'a' wurde nicht verfeinert: beide Ansichten schlecht"),
         (
             "the clocks keep step (in 2 of 5 intervals, worst from 0 to 60 s)",

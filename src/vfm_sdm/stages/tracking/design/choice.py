@@ -33,6 +33,7 @@ MARGIN_PX = 24
 """What is looked at beyond the square: where something else begins, and motion of the sample frames [px]."""
 _SIGHT_PX = 30
 """Half a side within which a point's motion is looked for, however small its square [px]."""
+_ORDERS = (Warp.TRANSLATION, Warp.SIMILARITY, Warp.AFFINE)
 _SAME_PX = 0.005
 """Standard deviations this close are the same: the higher order is then taken, which is wrong about less [px]."""
 _SHADINGS = (0, 2, 4)
@@ -76,7 +77,9 @@ class SubsetChoice:
     nearest: FloatArray
 
 
-def choose_subset(frames: LumaArray, offset: FloatArray, sizes: Sequence[int]) -> SubsetChoice:
+def choose_subset(
+    frames: LumaArray, offset: FloatArray, sizes: Sequence[int], *, turning: bool = False
+) -> SubsetChoice:
     """The subset of the point in the middle of a window.
 
     Parameters
@@ -87,12 +90,14 @@ def choose_subset(frames: LumaArray, offset: FloatArray, sizes: Sequence[int]) -
         Vector from the middle pixel to the point, shape (2,) [px].
     sizes
         Sides of the square to choose from, rising [px].
+    turning
+        Whether the camera turns and comes nearer: an affine warp has to follow that, which the windows do not show.
     """
     start = coarse_motion(frames, sizes[0])
     far = int(np.abs(start).max(initial=0.0))
     window = Window(_middle(frames, sizes[-1] // 2 + MARGIN_PX + far))
     belief = find_belief(window, max(sizes[0] // 2, _SIGHT_PX), start)
-    trial = Trial(frames, offset, belief.motion)
+    trial = Trial(frames, offset, belief.motion, (Warp.AFFINE,) if turning else _ORDERS)
     best = _choose_warp(window, belief, trial, sizes[0])
     for size in sizes[1:]:
         if best.design is not None and best.design.warp != Warp.EDGE and best.std_px[1] < _GOOD_STD_PX:
@@ -193,8 +198,7 @@ def _try_warps(trial: Trial, size: int, mask: BoolArray, shading: int) -> tuple[
     """
     omitted = float(np.hypot(LINEAR_STD, trial.linear_std(size, mask, shading)))
     # What an affine warp allows and the texture does not determine is left out as well.
-    orders = (Warp.TRANSLATION, Warp.SIMILARITY, Warp.AFFINE)
-    designs = [SubsetDesign(size, warp, None, mask, omitted, shading) for warp in orders]
+    designs = [SubsetDesign(size, warp, None, mask, omitted, shading) for warp in trial.orders]
     found = [(design, stated) for design in designs if (stated := trial.covariance(design)) is not None]
     if not found:
         return None

@@ -9,6 +9,7 @@ import numpy as np
 from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray, IntArray, LumaArray
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.video import Video
+from vfm_sdm.stages.tracking.design.whole_picture import PictureMotion, cut_turned
 
 __all__ = ["SampledWindows", "find_covered", "find_hidden", "sample_windows"]
 
@@ -39,11 +40,15 @@ class SampledWindows:
         Windows [v, u] of each point, the reference frame's first, shape (P, K + 1, R, R); its border repeated.
     centers
         Pixel in the middle of each window, shape (P, 2) [px].
+    turning
+        Whether the whole picture moves far, as from a drone: windows of such frames are cut where the picture on the
+        whole went, and turned back.
     """
 
     reference: LumaArray
     windows: Sequence[LumaArray]
     centers: IntArray
+    turning: bool = False
 
 
 def sample_windows(
@@ -72,19 +77,26 @@ def sample_windows(
     centers = np.floor(points2d + 0.5).astype(np.int64)
     cuts: list[list[LumaArray]] = [[] for _ in centers]
     reference: LumaArray | None = None
+    motion: PictureMotion | None = None
+    turning = False
     for frame in video.spread(count, also=reference_frame):
-        of_frame = [_cut(frame.luma, center, half_px) for center in centers]
         if frame.index == reference_frame:
             reference = frame.luma.copy()
-            for windows, window in zip(cuts, of_frame, strict=True):
-                windows.insert(0, window)
-        else:
-            for windows, window in zip(cuts, of_frame, strict=True):
-                windows.append(window)
+            motion = PictureMotion(reference)
+            for windows, center in zip(cuts, centers, strict=True):
+                windows.insert(0, _cut(frame.luma, center, half_px))
+            continue
+        homography = None if motion is None else motion.find(frame.luma)
+        turning |= homography is not None
+        for windows, center in zip(cuts, centers, strict=True):
+            if homography is None:
+                windows.append(_cut(frame.luma, center, half_px))
+            else:
+                windows.append(cut_turned(frame.luma, center, half_px, homography))
     if reference is None:
         raise DatasetError(f"reference_frame: expected a frame {reference_frame} of the video; name an earlier one")
     stacks: list[LumaArray] = [np.stack(windows) for windows in cuts]  # type: ignore[misc]  # one depth in a video
-    return SampledWindows(reference, stacks, centers)
+    return SampledWindows(reference, stacks, centers, turning)
 
 
 def find_covered(frames: LumaArray) -> BoolArray:

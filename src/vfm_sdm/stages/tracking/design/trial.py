@@ -30,11 +30,14 @@ class Trial:
         Vector from the middle pixel to the point, shape (2,) [px].
     motion
         Motion of the point in each sample frame, shape (K, 2) [px], from which registrations start.
+    orders
+        Warps to choose from, from the least to the most.
     """
 
     frames: LumaArray
     offset: FloatArray
     motion: FloatArray
+    orders: tuple[Warp, ...]
     _known: dict[tuple[object, ...], list[Registration]] = field(default_factory=dict, init=False, repr=False)
 
     def covariance(self, design: SubsetDesign) -> FloatArray | None:
