@@ -39,6 +39,7 @@ from vfm_sdm.outputs.results import describe_measurement
 from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, REVISIT, TRACKS
 from vfm_sdm.stages.audit import Audit, AuditInputs, audit
 from vfm_sdm.stages.camera_motion import CameraMotion, steady_tracks
+from vfm_sdm.stages.cameras.grid import add_grids
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.cameras.solve import solve_cameras
 from vfm_sdm.stages.displacement.monocular import measure_planar
@@ -152,14 +153,15 @@ class Measurement(SessionChain):
         )
 
     @product(
-        needs=("cameras",),
+        reads=("grid", "site", "view.name", "method.subset_px"),
+        needs=("cameras", "frames"),
         kept=POINTS,
         # A better lens must not cost another pass over the recordings where it leaves the points as they are.
         identity=lambda points: points.to_dict(),
     )
     def points(self, session: Session) -> xr.Dataset:
         """Pixels of every point in every view, in its first frame or in the one in which it is named."""
-        return self.cameras.points
+        return add_grids(session, self.cameras, self.frames)
 
     @product(
         reads=("point.name", "point.view", "point.pixel", "point.pixel_in"),
@@ -221,7 +223,7 @@ class Measurement(SessionChain):
 
     # C: the cameras' own motion taken out, one clock, displacement; of a long recording interval by interval.
 
-    @product(reads=("view", "point", "site", "method"), needs=("frames", "cameras", "tracks", "injection"))
+    @product(reads=("view", "point", "site", "method"), needs=("frames", "cameras", "points", "tracks", "injection"))
     def intervals(self, session: Session) -> tuple[xr.Dataset, Audit] | None:
         """Displacement and audit of a long recording, of those of its intervals; ``None`` of one that is one."""
         planar = len(session.view) == 1 and session.site.length
@@ -266,7 +268,7 @@ class Measurement(SessionChain):
         settings, still = sgr_settings(session.method.sgr), session.method.still_interval_s
         return refine(self.aligned, self.cameras.rig, self.cameras.frame, settings=settings, still_interval_s=still)
 
-    @product(reads=("method.still_interval_s",), needs=("cameras", "aligned"))
+    @product(reads=("method.still_interval_s",), needs=("cameras", "points", "aligned"))
     def unrefined(self, session: Session) -> xr.Dataset | None:
         """Displacement as the images alone give it; ``None`` without cameras."""
         return self._triangulated(self.aligned, session) if self.cameras.rig is not None else None
@@ -276,7 +278,7 @@ class Measurement(SessionChain):
             *("view.name", "view.start", "view.use_s", "point.name", "point.pixel", "point.static", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
-        needs=("intervals", "cameras", "injected", "steady", "aligned", "refinement", "unrefined", "carried"),
+        needs=("intervals", "cameras", "points", "injected", "steady", "aligned", "refinement", "unrefined", "carried"),
         kept=DISPLACEMENT,
     )
     def displacement(self, session: Session) -> xr.Dataset | None:
@@ -310,7 +312,7 @@ class Measurement(SessionChain):
             self.refinement,
             method.sgr.suppressed_axis,
         )
-        return add_facts(stated, self.aligned, self.steady.views, self.refinement)
+        return add_facts(stated, self.aligned, self.steady.views, self.refinement, self.points)
 
     # What is said of it.
 
@@ -418,9 +420,8 @@ class Measurement(SessionChain):
         self, session: Session, tracks: Mapping[str, xr.Dataset], carried: Carried
     ) -> MeasuredInterval:
         """An interval of the recording, as a recording of its own."""
-        one = Measurement(session).given(
-            frames=self.frames, cameras=self.cameras, tracks=tracks, injection=self.injection, carried=carried
-        )
+        known = {name: getattr(self, name) for name in ("frames", "cameras", "points", "injection")}
+        one = Measurement(session).given(**known, tracks=tracks, carried=carried)
         if one.displacement is None or one.audit is None:
             raise DatasetError("intervals: expected displacement of each, got none; see the status of the cameras")
         aligned = None if len(session.view) == 1 else one.aligned
@@ -433,7 +434,7 @@ class Measurement(SessionChain):
         if cameras.rig is None:
             raise DatasetError("displacement: expected cameras, got none; see the status of the cameras")
         return compute_displacement(
-            tracks.assign(place_std=cameras.points["position_std"]),
+            tracks.assign(place_std=self.points["position_std"]),
             cameras.rig,
             frame=cameras.frame,
             covariance=cameras.covariance,
