@@ -15,7 +15,6 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.files import file_hash
 from vfm_sdm.core.products import product
 from vfm_sdm.core.progress import Progress
@@ -181,15 +180,9 @@ class Measurement(SessionChain):
     @product(needs=("recordings", "points"), parts=("trackers",))
     def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
         """What the subset of every point compares, by view and point; empty for trackers that compare none."""
-        found = {}
-        for view in self.points["view"].values.tolist():
-            of_view = self.points.sel(view=view)
-            names = [str(name) for name in of_view["point"].values]
-            places = {name: of_view["position"].sel(point=name).values for name in names}
-            known = {name: place for name, place in places.items() if np.isfinite(place).all()}
-            numbers = dict(zip(names, frames_of_points(of_view).tolist(), strict=True))
-            found[view] = self._choose(view, known, session.method.subset_px, numbers)
-        return found
+        if not isinstance(self.part("trackers"), DesignedTracker):
+            return {}
+        return self._designs.choose_all(self.recordings, self.points, session.method.subset_px)
 
     @product(
         reads=("method.segment_s",),

@@ -3,7 +3,7 @@
 points
     Dims ``view, point, pixel``; ``position`` [px] in the first frame of every view, or in that of number ``frame``
     (view, point) where some are named in later ones, ``position_std`` [px], ``status`` in words (``ok``, or why there
-    is no position).
+    is no position); where there are grids also ``grid`` (point), the name of the grid, empty for points of their own.
 tracks
     One view, own clock: dims ``time, point, pixel``; ``position`` [px], ``position_covariance`` [px2]
     (``pixel_a, pixel_b``), ``status``. Where subsets were designed point by point also ``subset_px`` (point) [px],
@@ -50,6 +50,7 @@ __all__ = [
     "check_tracks",
     "convert_units",
     "frames_of_points",
+    "grid_points",
     "make_displacement",
     "make_points",
     "make_tracks",
@@ -200,6 +201,24 @@ def frames_of_points(points: xr.Dataset, names: Sequence[str] | None = None) -> 
     if "frame" not in points:
         return np.zeros(len(chosen), np.int64)
     return np.asarray(points["frame"].sel(point=chosen).values, np.int64)
+
+
+def grid_points(dataset: xr.Dataset) -> list[str]:
+    """Names of the points that belong to a grid, in their order.
+
+    Parameters
+    ----------
+    dataset
+        Points, tracks or displacement of P points; with ``grid`` (point) where there are grids.
+
+    Examples
+    --------
+    >>> grid_points(xr.Dataset({"grid": ("point", ["", "web"])}, coords={"point": ["mid", "web 01-01"]}))
+    ['web 01-01']
+    """
+    if "grid" not in dataset:
+        return []
+    return [str(name) for name, grid in zip(dataset["point"].values, dataset["grid"].values, strict=True) if grid]
 
 
 def check_points(points: xr.Dataset) -> xr.Dataset:

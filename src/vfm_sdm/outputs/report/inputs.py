@@ -10,8 +10,10 @@ from typing import Any
 
 import xarray as xr
 
+from vfm_sdm.analysis.field import read_field
 from vfm_sdm.core.block_files import LONG_BYTES
 from vfm_sdm.core.dataset_checks import check_variable
+from vfm_sdm.core.datasets import grid_points
 from vfm_sdm.core.netcdf import open_displacement, read_dataset, read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.stored import check_seal
@@ -63,6 +65,7 @@ class ReportInputs:
     points: xr.Dataset
     evaluation: Mapping[str, Any] | None = None
     modes: xr.Dataset | None = None
+    field: xr.Dataset | None = None
     notes: tuple[str, ...] = ()
 
     @cached_property
@@ -132,7 +135,8 @@ def open_run(folder: Path | str, *, session: Path | str | None = None) -> Iterat
     cameras, _ = read_solution(place / "cameras.toml")
     with _displacement(place) as displacement:
         notes = RunFolder(place).check_whole("displacement", displacement.attrs)
-        unknown = {str(name) for name in displacement["point"].values} ^ {point.name for point in measured.point}
+        named = {point.name for point in measured.point} | set(grid_points(displacement))
+        unknown = {str(name) for name in displacement["point"].values} ^ named
         if unknown:
             raise ResultsError(
                 f"{place}: expected the points of {SESSION}, got others in displacement.nc: "
@@ -147,6 +151,7 @@ def open_run(folder: Path | str, *, session: Path | str | None = None) -> Iterat
             points=read_points(place),
             evaluation=_read_evaluation(place),
             modes=_read_modes(place),
+            field=read_field(place),
             notes=notes,
         )
 

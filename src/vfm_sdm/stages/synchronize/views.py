@@ -16,9 +16,9 @@ __all__ = ["synchronize_tracks"]
 
 _SEARCH_S = 3.0
 """Largest difference between the stated and the true offset of a view [s]."""
-_OF_ONE_VIEW = ("half_difference", "half_covariance", "reference", "reference_covariance", "reference_frame")
+_OF_ONE_VIEW = ("half_difference", "half_covariance", "reference", "reference_covariance", "reference_frame", "grid")
 """What is left behind: halves of subsets, which are a third of long tracks and which nobody compares on a common clock;
-and reference frames, whose numbers are each view's own."""
+reference frames, whose numbers are each view's own; and names of grids, which points have in every view alike."""
 
 
 def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: Rig | None = None) -> xr.Dataset:
