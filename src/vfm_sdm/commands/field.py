@@ -11,7 +11,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from vfm_sdm.analysis.field import compute_field, extreme_times, write_field
+from vfm_sdm.analysis.field import NOT_OF_STRUCTURE, compute_field, extreme_times, write_field
 from vfm_sdm.commands.terminal import OUT, note, number_text, say
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.files import write_file
@@ -137,7 +137,7 @@ def _say_points(field: xr.Dataset, axis: str) -> None:
     reasons = {
         str(name): str(why)
         for name, why in zip(field["point"].values, field["reason"].values, strict=True)
-        if why and why != "not of the structure"
+        if why and why != NOT_OF_STRUCTURE
     }
     one = field.sel(axis=axis)
     say(

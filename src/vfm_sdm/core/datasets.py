@@ -56,6 +56,7 @@ __all__ = [
     "make_tracks",
     "status_variable",
     "trusted_values",
+    "without_grids",
     "worst_status",
 ]
 
@@ -219,6 +220,23 @@ def grid_points(dataset: xr.Dataset) -> list[str]:
     if "grid" not in dataset:
         return []
     return [str(name) for name, grid in zip(dataset["point"].values, dataset["grid"].values, strict=True) if grid]
+
+
+def without_grids(dataset: xr.Dataset) -> xr.Dataset:
+    """The dataset with the points that have names of their own alone.
+
+    Parameters
+    ----------
+    dataset
+        Points, tracks or displacement of P points; with ``grid`` (point) where there are grids.
+
+    Examples
+    --------
+    >>> found = xr.Dataset({"grid": ("point", ["", "web"])}, coords={"point": ["mid", "web 01-01"]})
+    >>> without_grids(found)["point"].values.tolist()
+    ['mid']
+    """
+    return dataset if "grid" not in dataset else dataset.isel(point=np.flatnonzero(dataset["grid"].values == ""))
 
 
 def check_points(points: xr.Dataset) -> xr.Dataset:

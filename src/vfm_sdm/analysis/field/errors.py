@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray
 
 __all__ = ["PointErrors", "measure_errors"]
 
@@ -116,7 +116,7 @@ def measure_errors(
     return PointErrors(std, gain_std, shared, length), gains
 
 
-def _fit_correlation(standard: FloatArray, known: FloatArray, distance_m: FloatArray) -> tuple[float, float]:
+def _fit_correlation(standard: FloatArray, known: BoolArray, distance_m: FloatArray) -> tuple[float, float]:
     """Share and length of the correlation of standardised residuals (T, P)."""
     together = known.astype(np.float64).T @ known.astype(np.float64)
     product = standard.T @ standard / np.maximum(together, 1)

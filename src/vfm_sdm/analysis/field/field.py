@@ -11,7 +11,10 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, time_blocks
 from vfm_sdm.core.datasets import Status, check_displacement, trusted_values
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["compute_field"]
+__all__ = ["NOT_OF_STRUCTURE", "compute_field"]
+
+NOT_OF_STRUCTURE = "not of the structure"
+"""Reason of static points."""
 
 _LEAST_POINTS = 6
 _LEAST_SHARE = 0.9
@@ -92,8 +95,9 @@ def compute_field(
     names = [str(name) for name in data["point"].values]
     values, place = trusted_values(data, "displacement"), _places(data)
     share = np.isfinite(values).mean(axis=0)
-    moving = np.array([name not in static for name in names]) & np.isfinite(place).all(axis=1)
-    usable = (share >= _LEAST_SHARE) & moving[:, None]
+    placed = np.isfinite(place).all(axis=1)
+    moving = np.array([name not in static for name in names])
+    usable = (share >= _LEAST_SHARE) & (moving & placed)[:, None]
     lacking = [
         str(axis) for axis, found in zip(data["axis"].values, usable.T, strict=True) if found.sum() < _LEAST_POINTS
     ]
@@ -102,12 +106,15 @@ def compute_field(
             f"field: expected at least {_LEAST_POINTS} points of the structure with {100 * _LEAST_SHARE:.0f} % of "
             f"their samples, got fewer along {', '.join(lacking)}; add a [[grid]] or more points"
         )
-    stated = np.nanmedian(np.where(np.isfinite(values), data["displacement_std"].values, np.nan), axis=0)
-    fitted = [fit_axis(values[..., a], stated[:, a], place[:, 1:], usable[:, a]) for a in range(3)]
+    fitted = []
+    for a in range(3):
+        stated = np.full(len(names), np.nan)
+        stated[usable[:, a]] = np.nanmedian(data["displacement_std"].values[:, usable[:, a], a], axis=0)
+        fitted.append(fit_axis(values[..., a], stated, place[:, 1:], usable[:, a]))
     begin = max(one.reach_m[0] for one in fitted)
     station = np.linspace(begin, min(one.reach_m[1] for one in fitted), stations)
     return _gather(data, fitted, place, station, still_interval_s).assign(
-        reason=("point", _list_reasons(data, usable, fitted, moving))
+        reason=("point", _list_reasons(data, usable, fitted, static, placed))
     )
 
 
@@ -174,7 +181,11 @@ def _sorted(station: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _common_std(data: xr.Dataset, fitted: list[FittedAxis], place_m: FloatArray, station: FloatArray) -> FloatArray:
-    """What all points have in common, at the stations, shape (T, S, 3) [mm]; 0 where the dataset has no budget."""
+    """What all points have in common, at the stations, shape (T, S, 3) [mm]; 0 where the dataset has no budget.
+
+    Noise that budgets state and that points do not show against their neighbours is alike in these: a codec treats the
+    pixels of a surface that moves as one alike.
+    """
     result = np.zeros((data.sizes["time"], len(station), 3))
     if "uncertainty" not in data:
         return result
@@ -183,9 +194,12 @@ def _common_std(data: xr.Dataset, fitted: list[FittedAxis], place_m: FloatArray,
     for a, one in enumerate(fitted):
         apart = (station[:, None] - place_m[one.used]) / width
         weights = np.exp(-0.5 * (apart**2 - (apart**2).min(axis=1, keepdims=True)))
-        parts = data["uncertainty"].isel(axis=a, point=np.flatnonzero(one.used)).sel(component=names)
+        budget = data["uncertainty"].isel(axis=a, point=np.flatnonzero(one.used))
+        parts, random = budget.sel(component=names), budget.sel(component="random")
         for rows in time_blocks(data.sizes["time"]):
-            variance = (parts.isel(time=rows) ** 2).sum("component").transpose("time", "point").values
+            variance = (parts.isel(time=rows) ** 2).sum("component", skipna=False).transpose("time", "point").values
+            noise = random.isel(time=rows).transpose("time", "point").values
+            variance = variance + np.maximum(noise**2 - one.errors.std_mm**2, 0.0)
             known = np.isfinite(variance)
             weighted = np.where(known, variance, 0.0) @ weights.T
             result[rows, :, a] = np.sqrt(weighted / np.maximum(known @ weights.T, 1e-12))
@@ -204,7 +218,9 @@ def _moves_at_rest(
     return np.asarray(np.maximum((field[rows] ** 2).mean(axis=0) - still, 0.0))
 
 
-def _list_reasons(data: xr.Dataset, usable: BoolArray, fitted: list[FittedAxis], moving: BoolArray) -> np.ndarray:
+def _list_reasons(
+    data: xr.Dataset, usable: BoolArray, fitted: list[FittedAxis], static: Collection[str], placed: BoolArray
+) -> np.ndarray:
     """Why each point is left out, along all axes or one, shape (P,); empty where it is used along all."""
     status = data["status"].values
     reasons = []
@@ -215,8 +231,10 @@ def _list_reasons(data: xr.Dataset, usable: BoolArray, fitted: list[FittedAxis],
             if known and not one.used[number]
         ]
         lost = float((status[:, number] != Status.OK).mean())
-        if not moving[number]:
-            reasons.append("not of the structure")
+        if data["point"].values[number] in static:
+            reasons.append(NOT_OF_STRUCTURE)
+        elif not placed[number]:
+            reasons.append("not seen in two views")
         elif lost > 1 - _LEAST_SHARE:
             reasons.append(f"{100 * lost:.0f} % of its samples are missing")
         elif departs:

@@ -156,7 +156,7 @@ def _solve(points: FloatArray, covariance: FloatArray, prior: FloatArray) -> tup
     """Covariance of coefficients after the measurement (M, M) [mm2], and what takes points to them, (M, P) [1]."""
     weighted = cho_solve(cho_factor(covariance), points)
     posterior = np.linalg.inv(np.linalg.inv(prior) + points.T @ weighted)
-    return posterior, np.asarray(posterior @ weighted.T)
+    return np.asarray(posterior, np.float64), np.asarray(posterior @ weighted.T)
 
 
 def _fit(

@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import av
 import cv2
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from av.video.stream import VideoStream
 from PIL import Image
 
 from vfm_sdm.core.arrays import FloatArray
@@ -136,7 +137,7 @@ class FieldPicture:
             words = f"{float(field['time'].values[row]):.2f} s   x {magnification:g}"
             for colour, thickness in ((0, 4), (255, 1)):
                 cv2.putText(frame, words, (16, 34), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, thickness, cv2.LINE_AA)
-            yield frame
+            yield np.asarray(frame, np.uint8)
 
 
 def _terms(pixels: FloatArray) -> FloatArray:
@@ -175,7 +176,7 @@ def write_mp4(path: Path | str, frames: Iterator[Picture], fps: float) -> Path:
         raise VideoError(f"animation: expected one of the encoders {_ENCODERS}, got none; install another PyAV")
     try:
         with replace_file(path) as file, av.open(str(file), "w", format="mp4") as container:
-            stream = container.add_stream(encoder, rate=round(fps))
+            stream = cast(VideoStream, container.add_stream(encoder, rate=round(fps)))
             for frame in frames:
                 stream.height, stream.width = frame.shape
                 stream.pix_fmt = "yuv420p"

@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from vfm_sdm.analysis.field import NOT_OF_STRUCTURE
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.outputs.plots.about import About, positive_direction
 from vfm_sdm.outputs.plots.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, plain_text, reduce_band
@@ -139,9 +140,16 @@ def draw_heat_map(field: xr.Dataset, picture: npt.NDArray[Any], places: FloatArr
     used = field["used"].sel(axis=axis).values.astype(bool)
     of_points = np.interp(field["point_place"].sel(axis="longitudinal").values, field["station"].values, span)
     shown = axes.scatter(
-        *places[used].T, c=of_points[used], s=36, cmap="viridis", edgecolors="white", linewidths=0.4, vmin=0.0
+        places[used, 0],
+        places[used, 1],
+        c=of_points[used],
+        s=36,
+        cmap="viridis",
+        edgecolors="white",
+        linewidths=0.4,
+        vmin=0.0,
     )
-    left_out = ~used & (field["reason"].values != "not of the structure")
+    left_out = ~used & (field["reason"].values != NOT_OF_STRUCTURE)
     axes.plot(*places[left_out].T, "x", color=VERMILION, markersize=5, label=f"left out ({left_out.sum()})")
     figure.colorbar(shown, ax=axes, label="mm", shrink=0.7)
     if left_out.any():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vfm_sdm.core.datasets import Status, grid_points
+from vfm_sdm.core.datasets import Status
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.stages.audit.model import AuditCheck, AuditInputs
 
@@ -17,10 +17,9 @@ _NAMED = 5
 
 def check_grid(inputs: AuditInputs) -> AuditCheck | None:
     """Share of the points of grids that are not measured [1]; nothing where there is no grid."""
-    names = grid_points(inputs.displacement)
-    if not names:
+    if inputs.grid is None:
         return None
-    status = inputs.displacement["status"].sel(point=names).values
+    names, status = inputs.grid["point"].values.tolist(), inputs.grid.transpose("time", "point").values
     missing = np.asarray((status != Status.OK).mean(axis=0) > _MISSING)
     share = float(missing.mean())
     lost = [name for name, gone in zip(names, missing, strict=True) if gone]

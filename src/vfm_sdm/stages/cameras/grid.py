@@ -273,14 +273,13 @@ class _Pair:
         likeness = np.nan_to_num(tried.correlation, nan=-1.0).reshape(len(places), count)
         likeness = np.where(np.isfinite(ended).all(axis=2), likeness, -1.0)
         best, rows = likeness.argmax(axis=1), np.arange(len(places))
-        starts = Starts(
-            np.where(likeness[rows, best, None] > -1, np.nan_to_num(ended[rows, best]), there[:, count // 2]), maps
-        )
-        found, status = self._register(places, starts, self.subset_px)
+        tried_out = likeness[rows, best, None] > -1
+        begin = np.where(tried_out, np.nan_to_num(ended[rows, best]), there[:, count // 2])
+        found, status = self._register(places, Starts(begin, maps), self.subset_px)
         for size in (px for px in _SIZES_PX if px < self.subset_px):
             left = np.flatnonzero(status != PointStatus.OK)
             if left.size:
-                again, now = self._register(places[left], Starts(starts.position[left], maps[left]), size)
+                again, now = self._register(places[left], Starts(begin[left], maps[left]), size)
                 _put(found, status, left, (again, now))
         for row in np.flatnonzero(status == PointStatus.OK):
             if has_rival(likeness[row], np.nan_to_num(ended[row]), int(best[row]), distinct_px=_DISTINCT_PX):
@@ -324,7 +323,7 @@ class _Pair:
         ends = second.project(_meet(places, first, self.face, beyond_m))
         length = float(np.nanmedian(np.linalg.norm(ends[1] - ends[0], axis=-1)))
         count = int(np.clip(np.ceil(length / _STRIDE_PX), 1, _MOST_STARTS)) + 1
-        offsets = np.linspace(*beyond_m, count)
+        offsets = np.linspace(float(beyond_m[0]), float(beyond_m[1]), count)
         seen = second.project(_meet(places, first, self.face, offsets)).swapaxes(0, 1)
         # What the second view cannot see begins far outside of it.
         return offsets, np.nan_to_num(seen, nan=-1e6)

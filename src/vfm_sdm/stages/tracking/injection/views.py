@@ -67,7 +67,7 @@ def inject_views(
 
 def _choose_points(tracks: xr.Dataset) -> list[str]:
     """Points that motion is put in around: those with names of their own, and some of every grid, evenly over it."""
-    names, many = tracks["point"].values.tolist(), grid_points(tracks)
+    names, many = [str(name) for name in tracks["point"].values], grid_points(tracks)
     if not many:
         return names
     followed = np.isfinite(tracks["position"].values).all(axis=(0, 2))
@@ -93,10 +93,10 @@ def _fill_grids(told: xr.Dataset, tracks: xr.Dataset) -> xr.Dataset:
         found["injected_direction"].loc[{"point": rest}] = np.eye(2)
         if not sample.sizes["point"]:
             continue
-        scatter = MAD_TO_STD * np.abs(sample["injected_gain"] - sample["injected_gain"].median("point")).median("point")
+        scatter = MAD_TO_STD * abs(sample["injected_gain"] - sample["injected_gain"].median("point")).median("point")
         for name in ("injected_gain", "injected_noise"):
             found[name].loc[{"point": rest}] = sample[name].median("point")
-        spread = np.hypot(sample["injected_gain_std"].median("point"), scatter)
+        spread = np.sqrt(sample["injected_gain_std"].median("point") ** 2 + scatter**2)
         found["injected_gain_std"].loc[{"point": rest}] = spread
         found["injection_status"].loc[{"point": rest}] = str(InjectionStatus.AS_OTHERS)
     return found
