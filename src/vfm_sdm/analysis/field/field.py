@@ -95,7 +95,7 @@ def compute_field(
     names = [str(name) for name in data["point"].values]
     values, place = trusted_values(data, "displacement"), _places(data)
     share = np.isfinite(values).mean(axis=0)
-    placed = np.isfinite(place).all(axis=1)
+    placed = np.asarray(np.isfinite(place).all(axis=1))
     moving = np.array([name not in static for name in names])
     usable = (share >= _LEAST_SHARE) & (moving & placed)[:, None]
     lacking = [

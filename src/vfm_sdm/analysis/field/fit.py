@@ -110,6 +110,8 @@ def fit_axis(displacement_mm: FloatArray, std_mm: FloatArray, place_m: FloatArra
     terms = int(np.clip(distinct // _POINTS_A_TERM, 2, _MOST_TERMS))
     rows = np.linspace(0, len(displacement_mm) - 1, min(len(displacement_mm), _MOST_SAMPLES)).astype(int)
     sample = displacement_mm[rows]
+    sample = sample[np.isfinite(sample[:, used]).sum(axis=1) >= terms]
+    guess = np.broadcast_to(np.nanmean(sample[:, used], axis=1, keepdims=True), sample.shape).copy()
     errors = PointErrors(np.maximum(np.nan_to_num(std_mm[used], nan=1.0), 1e-3), 0.0, 0.0, 1.0)
     prior = np.eye(terms) * max(float(np.nanmean(sample[:, used] ** 2)), 1e-6)
     for number in range(_ROUNDS):
@@ -118,12 +120,14 @@ def fit_axis(displacement_mm: FloatArray, std_mm: FloatArray, place_m: FloatArra
         values = sample[:, used]
         mean_square = np.einsum("pm,mk,pk->p", points, prior, points)
         covariance = _covariance(errors, distance, mean_square)
-        coefficients, posterior = _fit(values, points, covariance, prior)
-        known = np.isfinite(coefficients).all(axis=1)
-        prior = coefficients[known].T @ coefficients[known] / max(known.sum(), 1) + posterior
+        posterior, weights = _solve(points, covariance, prior)
+        # What a point lacks is put in as the field so far has it: every other way is a solution for each pattern of gaps.
+        coefficients = np.where(np.isfinite(values), values, guess[:, used]) @ weights.T
+        prior = coefficients.T @ coefficients / len(coefficients) + posterior
         prior += _LEAST_PRIOR * np.trace(prior) / terms * np.eye(terms)
         field = coefficients @ points.T
-        leverage = np.einsum("pm,mp->p", points, _solve(points, covariance, prior)[1])
+        guess[:, used] = field
+        leverage = np.einsum("pm,mp->p", points, weights)
         errors, gains = measure_errors(values - field, field, 1 - leverage, distance)
         bad = _find_bad(errors.std_mm, gains) if number < _ROUNDS - 2 else np.zeros(len(gains), np.bool_)
         if bad.any() and (~bad).sum() > 2 * terms:
@@ -132,7 +136,7 @@ def fit_axis(displacement_mm: FloatArray, std_mm: FloatArray, place_m: FloatArra
     station, distance = place_m[used, 1], _distances(place_m[used])
     points = _terms(station, reach, terms)
     mean_square = np.einsum("pm,mk,pk->p", points, prior, points)
-    coefficients, _ = _fit(displacement_mm[:, used], points, _covariance(errors, distance, mean_square), prior)
+    coefficients = _fit(displacement_mm[:, used], points, _covariance(errors, distance, mean_square), prior)
     return FittedAxis(coefficients, reach, prior, errors, used, station, distance)
 
 
@@ -159,10 +163,8 @@ def _solve(points: FloatArray, covariance: FloatArray, prior: FloatArray) -> tup
     return np.asarray(posterior, np.float64), np.asarray(posterior @ weighted.T)
 
 
-def _fit(
-    values: FloatArray, points: FloatArray, covariance: FloatArray, prior: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Coefficients (T, M) [mm] of samples (T, P), each from the points it has; their covariance with all points."""
+def _fit(values: FloatArray, points: FloatArray, covariance: FloatArray, prior: FloatArray) -> FloatArray:
+    """Coefficients (T, M) [mm] of samples (T, P), each from the points that it has; NaN where these are too few."""
     known = np.isfinite(values)
     coefficients = np.full((len(values), points.shape[1]), np.nan)
     patterns, of_sample = np.unique(known, axis=0, return_inverse=True)
@@ -173,7 +175,7 @@ def _fit(
         rows = of_sample == number
         weights = _solve(points[pattern], covariance[np.ix_(pattern, pattern)], prior)[1]
         coefficients[rows] = values[np.ix_(rows, pattern)] @ weights.T
-    return coefficients, _solve(points, covariance, prior)[0]
+    return coefficients
 
 
 def _find_bad(std_mm: FloatArray, gains: FloatArray) -> BoolArray:
