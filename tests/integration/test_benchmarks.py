@@ -14,6 +14,7 @@ from benchmark_lines import read_last_line, without_unit
 ROOT = Path(__file__).parents[2]
 SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
+    "field": ["--draws", "1", "--points", "60"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],
     "lines": ["--draws", "1", "--readings", "level alone", "--rectangles", "1"],

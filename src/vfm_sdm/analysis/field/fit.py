@@ -121,7 +121,7 @@ def fit_axis(displacement_mm: FloatArray, std_mm: FloatArray, place_m: FloatArra
         mean_square = np.einsum("pm,mk,pk->p", points, prior, points)
         covariance = _covariance(errors, distance, mean_square)
         posterior, weights = _solve(points, covariance, prior)
-        # What a point lacks is put in as the field so far has it: every other way is a solution for each pattern of gaps.
+        # What a point lacks is put in as the field so far has it: else each pattern of gaps would be solved alone.
         coefficients = np.where(np.isfinite(values), values, guess[:, used]) @ weights.T
         prior = coefficients.T @ coefficients / len(coefficients) + posterior
         prior += _LEAST_PRIOR * np.trace(prior) / terms * np.eye(terms)

@@ -69,7 +69,7 @@ def test_what_moves_at_rest_is_an_error_of_the_line(drawn):
 def test_gaps_of_points_are_no_gaps_of_the_line(drawn):
     gaps = drawn.displacement.copy(deep=True)
     rng = np.random.default_rng(0)
-    lost = rng.random(gaps["status"].shape) < 0.05
+    lost = rng.random(gaps["status"].shape) < 0.02
     lost[50] = True
     gaps["status"].values[lost] = Status.LOST
     gaps["status"].values[:, 7] = Status.LOST
