@@ -147,7 +147,8 @@ def _say_points(field: xr.Dataset, axis: str) -> None:
     )
     by_reason: dict[str, list[str]] = {}
     for name, why in reasons.items():
-        by_reason.setdefault(why, []).append(name)
+        # Along which axis each departs stands in field.nc.
+        by_reason.setdefault(why.partition(":")[0], []).append(name)
     for why, names in by_reason.items():
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         note([f"left out: {', '.join(names[:_NAMED])}{more}: {why}"])

@@ -21,8 +21,8 @@ _LEAST_SHARE = 0.9
 """Share of the samples that a point must have."""
 _COMMON = ("cameras", "synchronization", "assumption", "compression")
 """Components of a point's budget that all points have alike: no number of points makes them smaller."""
-_NEIGHBOURS = 2.0
-"""Width over which common parts of points are averaged, in distances between stations."""
+_NEIGHBOURS = 15
+"""Points next to a station whose budgets say what all have in common there."""
 
 
 def compute_field(
@@ -135,7 +135,7 @@ def _gather(
     """The field's dataset, of what was fitted along each axis."""
     time_s = data["time"].values
     shape = (len(time_s), len(station), 3)
-    field, std, common = np.empty(shape), np.empty(shape), _common_std(data, fitted, place[:, 2], station)
+    field, std, common = np.empty(shape), np.empty(shape), _common_std(data, fitted, station)
     for a, one in enumerate(fitted):
         field[..., a] = one.coefficients @ one.terms(station).T
         still, growing = one.variances(station)
@@ -180,7 +180,7 @@ def _sorted(station: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
     return distinct, np.bincount(rows.reshape(-1), values) / np.bincount(rows.reshape(-1))
 
 
-def _common_std(data: xr.Dataset, fitted: list[FittedAxis], place_m: FloatArray, station: FloatArray) -> FloatArray:
+def _common_std(data: xr.Dataset, fitted: list[FittedAxis], station: FloatArray) -> FloatArray:
     """What all points have in common, at the stations, shape (T, S, 3) [mm]; 0 where the dataset has no budget.
 
     Noise that budgets state and that points do not show against their neighbours is alike in these: a codec treats the
@@ -190,20 +190,28 @@ def _common_std(data: xr.Dataset, fitted: list[FittedAxis], place_m: FloatArray,
     if "uncertainty" not in data:
         return result
     names = [name for name in _COMMON if name in data["component"].values]
-    width = _NEIGHBOURS * (station[-1] - station[0]) / max(len(station) - 1, 1)
     for a, one in enumerate(fitted):
-        apart = (station[:, None] - place_m[one.used]) / width
-        weights = np.exp(-0.5 * (apart**2 - (apart**2).min(axis=1, keepdims=True)))
-        budget = data["uncertainty"].isel(axis=a, point=np.flatnonzero(one.used))
+        budget = (
+            data["uncertainty"].isel(axis=a, point=np.flatnonzero(one.used)).transpose("component", "time", "point")
+        )
         parts, random = budget.sel(component=names), budget.sel(component="random")
+        nearest = np.argsort(np.abs(station[:, None] - one.station_m), axis=1)[:, :_NEIGHBOURS]
         for rows in time_blocks(data.sizes["time"]):
-            variance = (parts.isel(time=rows) ** 2).sum("component", skipna=False).transpose("time", "point").values
-            noise = random.isel(time=rows).transpose("time", "point").values
-            variance = variance + np.maximum(noise**2 - one.errors.std_mm**2, 0.0)
-            known = np.isfinite(variance)
-            weighted = np.where(known, variance, 0.0) @ weights.T
-            result[rows, :, a] = np.sqrt(weighted / np.maximum(known @ weights.T, 1e-12))
+            variance = (parts.isel(time=rows).values ** 2).sum(axis=0)
+            variance += np.maximum(random.isel(time=rows).values ** 2 - one.errors.std_mm**2, 0.0)
+            # The middle of neighbours: a budget of one that is poorly placed says nothing of the others.
+            result[rows, :, a] = np.sqrt(_median_of_known(variance[:, nearest]))
     return result
+
+
+def _median_of_known(values: FloatArray) -> FloatArray:
+    """Median over the last axis of what is known; 0 where nothing is, and then there is no line either."""
+    known = np.isfinite(values)
+    count = known.sum(axis=-1)
+    ordered = np.sort(np.where(known, values, np.inf), axis=-1)
+    middle = np.maximum((count - 1) // 2, 0)
+    found = np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
+    return np.asarray(np.where(count > 0, found, 0.0))
 
 
 def _moves_at_rest(

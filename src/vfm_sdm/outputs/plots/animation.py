@@ -177,9 +177,10 @@ def write_mp4(path: Path | str, frames: Iterator[Picture], fps: float) -> Path:
     try:
         with replace_file(path) as file, av.open(str(file), "w", format="mp4") as container:
             stream = cast(VideoStream, container.add_stream(encoder, rate=round(fps)))
-            for frame in frames:
-                stream.height, stream.width = frame.shape
-                stream.pix_fmt = "yuv420p"
+            stream.pix_fmt = "yuv420p"
+            for number, frame in enumerate(frames):
+                if number == 0:
+                    stream.height, stream.width = frame.shape
                 coded = av.VideoFrame.from_ndarray(frame, format="gray").reformat(format="yuv420p")
                 container.mux(stream.encode(coded))
             container.mux(stream.encode())

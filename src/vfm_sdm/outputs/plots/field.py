@@ -130,7 +130,7 @@ def draw_heat_map(field: xr.Dataset, picture: npt.NDArray[Any], places: FloatArr
         What is said of the run.
     """
     height, width = picture.shape[:2]
-    figure = Figure(figsize=(_WIDTH_IN, 1.2 + _WIDTH_IN * height / width), layout="constrained")
+    figure = Figure(figsize=(_WIDTH_IN, 0.6 + 0.88 * _WIDTH_IN * height / width), layout="constrained")
     figure.suptitle(
         plain_text(f"peak-to-peak of the field, {axis} [mm]: {about.line}"), ha="left", x=0.01, fontsize="medium"
     )
