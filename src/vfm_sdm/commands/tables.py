@@ -12,7 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.terminal import add_name_column, number_text, say_rest, shown_rows
-from vfm_sdm.core.datasets import STATUS_MEANINGS, Status, without_grids
+from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
+from vfm_sdm.core.grids import without_grids
 from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, RevisitStatus, Verdict
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.outputs.results import Worth, describe_expectation, summarize_displacement

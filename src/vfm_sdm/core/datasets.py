@@ -50,13 +50,11 @@ __all__ = [
     "check_tracks",
     "convert_units",
     "frames_of_points",
-    "grid_points",
     "make_displacement",
     "make_points",
     "make_tracks",
     "status_variable",
     "trusted_values",
-    "without_grids",
     "worst_status",
 ]
 
@@ -202,41 +200,6 @@ def frames_of_points(points: xr.Dataset, names: Sequence[str] | None = None) -> 
     if "frame" not in points:
         return np.zeros(len(chosen), np.int64)
     return np.asarray(points["frame"].sel(point=chosen).values, np.int64)
-
-
-def grid_points(dataset: xr.Dataset) -> list[str]:
-    """Names of the points that belong to a grid, in their order.
-
-    Parameters
-    ----------
-    dataset
-        Points, tracks or displacement of P points; with ``grid`` (point) where there are grids.
-
-    Examples
-    --------
-    >>> grid_points(xr.Dataset({"grid": ("point", ["", "web"])}, coords={"point": ["mid", "web 01-01"]}))
-    ['web 01-01']
-    """
-    if "grid" not in dataset:
-        return []
-    return [str(name) for name, grid in zip(dataset["point"].values, dataset["grid"].values, strict=True) if grid]
-
-
-def without_grids(dataset: xr.Dataset) -> xr.Dataset:
-    """The dataset with the points that have names of their own alone.
-
-    Parameters
-    ----------
-    dataset
-        Points, tracks or displacement of P points; with ``grid`` (point) where there are grids.
-
-    Examples
-    --------
-    >>> found = xr.Dataset({"grid": ("point", ["", "web"])}, coords={"point": ["mid", "web 01-01"]})
-    >>> without_grids(found)["point"].values.tolist()
-    ['mid']
-    """
-    return dataset if "grid" not in dataset else dataset.isel(point=np.flatnonzero(dataset["grid"].values == ""))
 
 
 def check_points(points: xr.Dataset) -> xr.Dataset:

@@ -12,8 +12,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vfm_sdm.core.datasets import frames_of_points, without_grids
+from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.files import distinct_stem, file_stem, write_file
+from vfm_sdm.core.grids import without_grids
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.outputs.plots.about import About, positive_direction
 from vfm_sdm.outputs.plots.audit import plot_audit

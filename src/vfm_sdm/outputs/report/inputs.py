@@ -13,7 +13,7 @@ import xarray as xr
 from vfm_sdm.analysis.field import read_field
 from vfm_sdm.core.block_files import LONG_BYTES
 from vfm_sdm.core.dataset_checks import check_variable
-from vfm_sdm.core.datasets import grid_points, without_grids
+from vfm_sdm.core.grids import grid_points, without_grids
 from vfm_sdm.core.netcdf import open_displacement, read_dataset, read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.stored import check_seal

@@ -12,8 +12,9 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray
-from vfm_sdm.core.datasets import STATUS_MEANINGS, Status, check_displacement, grid_points, without_grids
+from vfm_sdm.core.datasets import STATUS_MEANINGS, Status, check_displacement
 from vfm_sdm.core.files import write_json
+from vfm_sdm.core.grids import grid_points, without_grids
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.outputs.results.notes import (
     describe_camera_motion,

@@ -10,7 +10,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray, mean_of_known
 from vfm_sdm.core.covariances import edges_across, measured_variance
-from vfm_sdm.core.datasets import grid_points
+from vfm_sdm.core.grids import grid_points
 from vfm_sdm.core.statuses import Outcome, PointStatus, Verdict
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session

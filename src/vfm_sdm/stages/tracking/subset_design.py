@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
-from vfm_sdm.core.datasets import frames_of_points, grid_points
+from vfm_sdm.core.datasets import frames_of_points
+from vfm_sdm.core.grids import grid_points
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.designs import USUAL_SUBSET_PX, SubsetDesign, check_subset_px

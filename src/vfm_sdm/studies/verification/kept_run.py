@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.acceptance import BudgetModel
-from vfm_sdm.core.datasets import grid_points
+from vfm_sdm.core.grids import grid_points
 from vfm_sdm.core.netcdf import read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import ResultsError, SessionError

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vfm_sdm.core.datasets import grid_points, make_points, without_grids
+from vfm_sdm.core.datasets import make_points
+from vfm_sdm.core.grids import grid_points, without_grids
 from vfm_sdm.errors import SessionError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
 from vfm_sdm.geometry.structure_frame import StructureFrame

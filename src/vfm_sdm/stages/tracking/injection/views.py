@@ -10,7 +10,7 @@ import xarray as xr
 from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray
 from vfm_sdm.core.covariances import raise_variance
 from vfm_sdm.core.dataset_checks import check_variable
-from vfm_sdm.core.datasets import grid_points
+from vfm_sdm.core.grids import grid_points
 from vfm_sdm.core.netcdf import read_dataset, write_dataset
 from vfm_sdm.core.progress import Progress
 from vfm_sdm.core.statuses import InjectionStatus
