@@ -90,9 +90,9 @@ class FieldPicture:
         )[0]
         values = _terms(np.stack([u.ravel(), v.ravel()], axis=1) / scale) @ fitted
         inside = np.zeros((height, width), np.uint8)
-        for point in pixels:
-            if np.isfinite(point).all():
-                cv2.circle(inside, (round(point[0]), round(point[1])), _EDGE_PX, 255, -1)
+        outline = cv2.convexHull(np.rint(pixels[np.isfinite(pixels).all(axis=1)]).astype(np.int32))
+        cv2.fillConvexPoly(inside, outline, 255)
+        inside = cv2.dilate(inside, np.ones((2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1), np.uint8))
         fading = cv2.GaussianBlur(inside.astype(np.float32) / 255, (0, 0), _EDGE_PX / 3).astype(np.float64)
         slope = values[:, 1:].reshape(height, width, 2, 3) * fading[..., None, None]
         return cls(np.ascontiguousarray(shown), values[:, 0].reshape(height, width), slope)
@@ -135,8 +135,9 @@ class FieldPicture:
                 self.picture, u - shift[..., 0], v - shift[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
             )
             words = f"{float(field['time'].values[row]):.2f} s   x {magnification:g}"
-            for colour, thickness in ((0, 4), (255, 1)):
-                cv2.putText(frame, words, (16, 34), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, thickness, cv2.LINE_AA)
+            (wide, high), below = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.8, 1)
+            cv2.rectangle(frame, (8, 30 - high), (24 + wide, 40 + below), 0, -1)
+            cv2.putText(frame, words, (16, 36), cv2.FONT_HERSHEY_SIMPLEX, 0.8, 255, 1, cv2.LINE_AA)
             yield np.asarray(frame, np.uint8)
 
 
