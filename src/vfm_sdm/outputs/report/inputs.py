@@ -151,9 +151,19 @@ def open_run(folder: Path | str, *, session: Path | str | None = None) -> Iterat
             points=without_grids(read_points(place)),
             evaluation=_read_evaluation(place),
             modes=_read_modes(place),
-            field=read_field(place),
+            field=_read_field(place, displacement),
             notes=notes,
         )
+
+
+def _read_field(place: Path, displacement: xr.Dataset) -> xr.Dataset | None:
+    """The field of a run folder, which must be that of its displacement."""
+    field = read_field(place)
+    if field is not None and field.attrs.get("key") != displacement.attrs.get("key"):
+        raise ResultsError(
+            f"{place}: expected field.nc of this run's displacement, got one of another; run `vfm-sdm field` again"
+        )
+    return field
 
 
 def check_modes(modes: xr.Dataset) -> xr.Dataset:

@@ -23,11 +23,11 @@ def check_grid(inputs: AuditInputs) -> AuditCheck | None:
     missing = np.asarray((status != Status.OK).mean(axis=0) > _MISSING)
     share = float(missing.mean())
     lost = [name for name, gone in zip(names, missing, strict=True) if gone]
-    more = f" and {len(lost) - _NAMED} more" if len(lost) > _NAMED else ""
     outcome = Outcome.FAIL if share >= _FAIL else Outcome.CAUTION if share >= _CAUTION else Outcome.PASS
     sentence = f"{len(names) - len(lost)} of {len(names)} points of the grid are measured"
     if lost:
-        sentence += f"; left out: {', '.join(lost[:_NAMED])}{more}"
+        named = ", ".join(lost[:_NAMED]) + ", ..." * (len(lost) > _NAMED)
+        sentence += f"; left out: {named}"
     if outcome != Outcome.PASS:
         sentence += "; draw the polygon where both views see the face, and where it has texture"
     return AuditCheck("points of the grid", outcome, share, _CAUTION, "1", sentence)
