@@ -22,7 +22,8 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from fields import draw_field  # noqa: E402
 from vfm_sdm.analysis.field import compute_field, compute_mac, find_shapes  # noqa: E402
-from vfm_sdm.core.datasets import STRUCTURE_AXES, grid_points  # noqa: E402
+from vfm_sdm.core.datasets import STRUCTURE_AXES  # noqa: E402
+from vfm_sdm.core.grids import grid_points  # noqa: E402
 from vfm_sdm.inputs.session import Grid, Session, read_session  # noqa: E402
 from vfm_sdm.measurement import Measurement, measure  # noqa: E402
 from vfm_sdm.studies.synthetic.field_test import make_field_test  # noqa: E402

@@ -41,7 +41,8 @@ def field_command(
     axis: Annotated[str, Parameter(help="Axis of the table and the figures; the files hold all.")] = "vertical",
     stations: Annotated[int, Parameter(help="Places along the structure.")] = 61,
     time: Annotated[
-        tuple[float, ...], Parameter(help="Times of the lines [s]; those of the largest deflections when left out.")
+        tuple[float, ...],
+        Parameter(help="Times of the lines [s]; those of the largest deflections when left out.", show_default=False),
     ] = (),
     animation: Annotated[bool, Parameter(help="Write field.mp4 and field.gif, and field.pvd for ParaView.")] = True,
 ) -> None:
