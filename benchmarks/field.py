@@ -52,6 +52,7 @@ def simulate(draws: int, points: int) -> dict[str, Any]:
     print(f"line of the largest deflection, error over its maximum: {100 * np.median(errors):.2f} % in the median")
     return {
         "draws": draws,
+        "points": points,
         "inside_share": {a: float(s) for a, s in zip(STRUCTURE_AXES, np.mean(inside, axis=0), strict=True)},
         "line_error_share": float(np.median(errors)),
     }
@@ -118,7 +119,7 @@ def main() -> None:
     parser.add_argument("--spacing", type=float, default=0.155, help="of the grid on the film [m]")
     parser.add_argument("--folder", type=Path, help="where the film is kept; a temporary folder when left out")
     options = parser.parse_args()
-    found: dict[str, Any] = {"simulated": simulate(options.draws, options.points)}
+    found = simulate(options.draws, options.points)
     if options.film:
         with tempfile.TemporaryDirectory() as temporary:
             found["film"] = film(options.folder or Path(temporary), options.spacing)
