@@ -16,7 +16,6 @@ import xarray as xr
 
 from vfm_sdm.analysis.fusion.scale import SensorScale, find_sensor_scale
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.files import file_hash
 from vfm_sdm.core.products import product
 from vfm_sdm.core.progress import Progress
@@ -35,6 +34,7 @@ from vfm_sdm.outputs.results import describe_measurement
 from vfm_sdm.outputs.results.kept import CAMERAS, DISPLACEMENT, INJECTION, POINTS, REVISIT, TRACKS
 from vfm_sdm.stages.audit import Audit, AuditInputs, audit
 from vfm_sdm.stages.camera_motion import CameraMotion, follow_depths, steady_tracks
+from vfm_sdm.stages.cameras.grid import add_grids
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.stages.cameras.solve import solve_cameras
 from vfm_sdm.stages.displacement.monocular import measure_planar
@@ -130,14 +130,15 @@ class Measurement(RecordedChain):
         return scale.judge(solved)
 
     @product(
-        needs=("cameras",),
+        reads=("grid", "site", "view.name", "method.subset_px"),
+        needs=("cameras", "frames"),
         kept=POINTS,
         # A better lens must not cost another pass over the recordings where it leaves the points as they are.
         identity=lambda points: points.to_dict(),
     )
     def points(self, session: Session) -> xr.Dataset:
         """Pixels of every point in every view, in its first frame or in the one in which it is named."""
-        return self.cameras.points
+        return add_grids(session, self.cameras, self.frames)
 
     @product(
         reads=("point.name", "point.view", "point.pixel", "point.pixel_in"),
@@ -157,15 +158,9 @@ class Measurement(RecordedChain):
     @product(needs=("recordings", "points"), parts=("trackers",))
     def subsets(self, session: Session) -> dict[str, dict[str, SubsetChoice]]:
         """What the subset of every point compares, by view and point; empty for trackers that compare none."""
-        found = {}
-        for view in self.points["view"].values.tolist():
-            of_view = self.points.sel(view=view)
-            names = [str(name) for name in of_view["point"].values]
-            places = {name: of_view["position"].sel(point=name).values for name in names}
-            known = {name: place for name, place in places.items() if np.isfinite(place).all()}
-            numbers = dict(zip(names, frames_of_points(of_view).tolist(), strict=True))
-            found[view] = self._choose(view, known, session.method.subset_px, numbers)
-        return found
+        if not isinstance(self.part("trackers"), DesignedTracker):
+            return {}
+        return self._designs.choose_all(self.recordings, self.points, session.method.subset_px)
 
     @product(
         reads=("method.segment_s",),
@@ -199,7 +194,7 @@ class Measurement(RecordedChain):
 
     # C: the cameras' own motion taken out, one clock, displacement; of a long recording interval by interval.
 
-    @product(reads=("view", "point", "site", "method"), needs=("frames", "cameras", "tracks", "injection"))
+    @product(reads=("view", "point", "site", "method"), needs=("frames", "cameras", "points", "tracks", "injection"))
     def intervals(self, session: Session) -> tuple[xr.Dataset, Audit] | None:
         """Displacement and audit of a long recording, of those of its intervals; ``None`` of one that is one."""
         planar = len(session.view) == 1 and session.site.length
@@ -243,7 +238,7 @@ class Measurement(RecordedChain):
         settings, still = sgr_settings(session.method.sgr), session.method.still_interval_s
         return refine(self.aligned, self.cameras.rig, self.cameras.frame, settings=settings, still_interval_s=still)
 
-    @product(reads=("method.still_interval_s",), needs=("cameras", "aligned"))
+    @product(reads=("method.still_interval_s",), needs=("cameras", "points", "aligned"))
     def unrefined(self, session: Session) -> xr.Dataset | None:
         """Displacement as the images alone give it; ``None`` without cameras."""
         return self._triangulated(self.aligned, session) if self.cameras.rig is not None else None
@@ -253,7 +248,7 @@ class Measurement(RecordedChain):
             *("view.name", "view.start", "view.use_s", "point.name", "point.pixel", "point.static", "site.length"),
             *("method.refinement", "method.sgr", "method.still_interval_s", "method.tracker", "method.cameras"),
         ),
-        needs=("intervals", "cameras", "injected", "steady", "aligned", "refinement", "unrefined", "carried"),
+        needs=("intervals", "cameras", "points", "injected", "steady", "aligned", "refinement", "unrefined", "carried"),
         kept=DISPLACEMENT,
     )
     def displacement(self, session: Session) -> xr.Dataset | None:
@@ -287,7 +282,7 @@ class Measurement(RecordedChain):
             self.refinement,
             method.sgr.suppressed_axis,
         )
-        return add_facts(stated, self.aligned, self.steady.views, self.refinement)
+        return add_facts(stated, self.aligned, self.steady.views, self.refinement, self.points)
 
     # What is said of it.
 
@@ -402,9 +397,8 @@ class Measurement(RecordedChain):
         self, session: Session, tracks: Mapping[str, xr.Dataset], carried: Carried
     ) -> MeasuredInterval:
         """An interval of the recording, as a recording of its own."""
-        one = Measurement(session).given(
-            frames=self.frames, cameras=self.cameras, tracks=tracks, injection=self.injection, carried=carried
-        )
+        known = {name: getattr(self, name) for name in ("frames", "cameras", "points", "injection")}
+        one = Measurement(session).given(**known, tracks=tracks, carried=carried)
         if one.displacement is None or one.audit is None:
             raise DatasetError("intervals: expected displacement of each, got none; see the status of the cameras")
         aligned = None if len(session.view) == 1 else one.aligned
@@ -417,7 +411,7 @@ class Measurement(RecordedChain):
         if cameras.rig is None:
             raise DatasetError("displacement: expected cameras, got none; see the status of the cameras")
         return compute_displacement(
-            tracks.assign(place_std=cameras.points["position_std"]),
+            tracks.assign(place_std=self.points["position_std"]),
             cameras.rig,
             frame=cameras.frame,
             covariance=cameras.covariance,

@@ -16,6 +16,7 @@ SMALLEST = {
     "end_to_end": ["--frames", "20", "--repeats", "1"],
     "drone": ["--frames", "12", "--width", "640", "--whole-squares"],
     "drone_points": ["--frames", "40"],
+    "field": ["--draws", "1", "--points", "60"],
     "injection": ["--frames", "70", "--seeds", "1", "--contrasts", "20", "--crf", "24", "--preset", "ultrafast"],
     "fusion": ["--records", "1", "--duration", "15", "--cases", "good sensor", "phone"],
     "plan": ["--simulated", "2", "--rendered", "1", "--optimised", "1", "--tries", "4"],

@@ -37,7 +37,7 @@ def run(example, *words, cwd, shared):
 def test_there_are_examples():
     names = {example.stem.removeprefix("plot_") for example in EXAMPLES}
     assert {"measure", "uncertainty_budget", "audit", "synchronization", "refinement", "camera_motion"} <= names
-    assert {"accelerometer", "tracker_by_hand", "three_views", "load_test", "repeat"} <= names
+    assert {"accelerometer", "tracker_by_hand", "three_views", "load_test", "repeat", "field"} <= names
     assert ON_THE_DEMO
     listed = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert [example.name for example in EXAMPLES if f"| `{example.name}` |" not in listed] == []

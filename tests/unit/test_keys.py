@@ -57,6 +57,8 @@ READERS = {
     "method.interval_s": ("intervals", "audit"),
     "method.correspondence": ("cameras", "intervals", "audit"),
     "method.refinement": ("refinement", "displacement", "intervals", "audit"),
+    # Points are told by their pixels, and without cameras grids have none.
+    "grid": (),
     "method.sgr": ("refinement", "displacement", "intervals", "audit"),
     "method.synchronization": ("aligned", "intervals", "audit"),
     "method.camera_motion": ("steady", "intervals", "audit"),
@@ -123,6 +125,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
             {"name": "end", "view": "left", "pixel": [200.0, 80.0], "static": True},
             {"name": "late", "view": "left", "pixel": [240.0, 80.0], "frame": 12},
         ],
+        grid=[{"name": "web", "view": "left", "polygon": [[10, 10], [90, 10], [90, 50]], "spacing_m": 0.2}],
         sensor=[{"name": "acc", "file": "corners.csv", "point": "mid", "columns": {"time": "t"}, "units": "g"}],
         baseline_visit="visit",
         report={"client": "city", "date": "2026-11-20"},

@@ -38,6 +38,7 @@ _COMMANDS = {
     "load-test": "load_test:load_test",
     "passages": "passages:passages",
     "fuse": "fuse:fuse_command",
+    "field": "field:field_command",
     "points": "points:points",
     "repeat": "repeat:repeat",
     "watch": "watch:watch",

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from vfm_sdm.commands.terminal import add_name_column, number_text, say_rest, shown_rows
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
+from vfm_sdm.core.grids import without_grids
 from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, RevisitStatus, Verdict
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.outputs.results import Worth, describe_expectation, summarize_displacement
@@ -219,7 +220,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
         "valid %",
     ):
         if name == "point":
-            add_name_column(table, name, displacement["point"].values)
+            add_name_column(table, name, without_grids(displacement)["point"].values)
         else:
             table.add_column(Text(name), justify="left" if name == "axis" else "right", no_wrap=name == "axis")
     for point, figures in summarize_displacement(_first(displacement)).items():
@@ -235,7 +236,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
                 number_text(values["dominant_frequency_hz"], "{:.2f}"),
                 number_text(figures["coverage_valid"], "{:.0f}", 100),
             )
-    return say_rest(table, displacement.sizes["point"], "summary.json")
+    return say_rest(table, without_grids(displacement).sizes["point"], "summary.json")
 
 
 def budget_table(displacement: xr.Dataset) -> Table:
@@ -248,7 +249,7 @@ def budget_table(displacement: xr.Dataset) -> Table:
         show_edge=False,
     )
     components = [str(name) for name in displacement["component"].values]
-    add_name_column(table, "point", displacement["point"].values, room=_ROOM_BESIDE_BUDGET)
+    add_name_column(table, "point", without_grids(displacement)["point"].values, room=_ROOM_BESIDE_BUDGET)
     table.add_column(Text("axis"), no_wrap=True)
     for name in (*components, "k = 2"):
         table.add_column(Text(_SHORT.get(name, name)), justify="right", no_wrap=True)
@@ -262,11 +263,12 @@ def budget_table(displacement: xr.Dataset) -> Table:
             )
             cells = [number_text(part, "{:.3f}") for part in (*parts, expanded)]
             table.add_row(point if number == 0 else "", axis, *cells)
-    return say_rest(table, displacement.sizes["point"], "summary.json")
+    return say_rest(table, without_grids(displacement).sizes["point"], "summary.json")
 
 
 def _first(dataset: xr.Dataset) -> xr.Dataset:
-    """The points that a table has room for."""
+    """The points that a table has room for, those with names of their own."""
+    dataset = without_grids(dataset)
     return dataset.isel(point=slice(shown_rows(dataset.sizes["point"])))
 
 

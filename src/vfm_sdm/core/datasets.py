@@ -3,7 +3,7 @@
 points
     Dims ``view, point, pixel``; ``position`` [px] in the first frame of every view, or in that of number ``frame``
     (view, point) where some are named in later ones, ``position_std`` [px], ``status`` in words (``ok``, or why there
-    is no position).
+    is no position); where there are grids also ``grid`` (point), the name of the grid, empty for points of their own.
 tracks
     One view, own clock: dims ``time, point, pixel``; ``position`` [px], ``position_covariance`` [px2]
     (``pixel_a, pixel_b``), ``status``. Where subsets were designed point by point also ``subset_px`` (point) [px],

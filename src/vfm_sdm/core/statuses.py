@@ -216,6 +216,7 @@ class InjectionStatus(StrEnum):
     """Whether the gain and noise of a point were measured by motion injected into its recording."""
 
     OK = "ok"
+    AS_OTHERS = "taken from other points of its grid"
     NOT_COMPRESSED = "the recording is neither H.264 nor HEVC"
     TOO_SHORT = "the recording is too short"
     NO_SUBSET = "the tracker compares no subsets"

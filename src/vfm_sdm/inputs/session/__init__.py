@@ -7,7 +7,7 @@ from vfm_sdm.inputs.session.exif import lens_from_exif, tags_from_exif
 from vfm_sdm.inputs.session.file import read_session, session_hash, write_session
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, Network, Sfm, Sgr
-from vfm_sdm.inputs.session.model import Chessboard, Point, Sensor, Session, View
+from vfm_sdm.inputs.session.model import Chessboard, Grid, Point, Sensor, Session, View
 from vfm_sdm.inputs.session.recorded import RecordedChain
 from vfm_sdm.inputs.session.recordings import (
     RECORDED,
@@ -39,6 +39,7 @@ __all__ = [
     "Chessboard",
     "Defaults",
     "FirstFrames",
+    "Grid",
     "Length",
     "Lens",
     "Level",

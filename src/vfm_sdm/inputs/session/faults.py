@@ -13,7 +13,7 @@ from vfm_sdm.errors import BackendUnavailableError
 
 __all__ = ["NAMED", "cross_faults", "field_faults", "repeated_names"]
 
-NAMED = ("view", "point", "sensor")
+NAMED = ("view", "point", "grid", "sensor")
 """Lists of a session whose entries have names of their own."""
 
 _Location = Sequence[str | int]
@@ -134,11 +134,30 @@ def cross_faults(fields: Mapping[str, Any]) -> list[str]:
             faults += _unknown(f"{label}.pixel_in", other, "view", view_names)
             if other == _get(point, "view"):
                 faults.append(f"{label}.pixel_in: expected other views, got its own {other!r}; keep pixel alone")
+    faults += _grid_faults(fields, view_names)
     for sensor in _entries(fields, "sensor"):
         faults += _unknown(f"sensor[{_get(sensor, 'name')}].point", _get(sensor, "point"), "point", point_names)
     faults += _scale_faults(fields, views, points)
     faults += _site_faults(_get(fields, "site"), views, view_names, point_names)
     faults += _method_faults(fields, views, view_names)
+    return faults
+
+
+def _grid_faults(fields: Mapping[str, Any], view_names: list[str]) -> list[str]:
+    """Grids lie on a face whose place is known, in one of two views or more."""
+    faults: list[str] = []
+    for grid in _entries(fields, "grid"):
+        label = f"grid[{_get(grid, 'name')}]"
+        faults += _unknown(f"{label}.view", _get(grid, "view"), "view", view_names)
+        site = _get(fields, "site")
+        lacking = [key for key in ("perpendicular_distance", "longitudinal_distance") if _get(site, key) is None]
+        if lacking:
+            faults.append(
+                f"{label}: expected the distances of the face that it lies on, got no {' and no '.join(lacking)}; "
+                "state them under [site]"
+            )
+        if len(view_names) == 1:
+            faults.append(f"{label}: expected two views or more, got one; name the points of one view as [[point]]")
     return faults
 
 

@@ -25,6 +25,7 @@ from vfm_sdm.core.datasets import START
 from vfm_sdm.core.sensor_datasets import ACCELERATION_UNITS, SensorUnits
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session.faults import cross_faults, field_faults, repeated_names
+from vfm_sdm.inputs.session.grid import Grid
 from vfm_sdm.inputs.session.lens import Lens
 from vfm_sdm.inputs.session.method import Method, table_paths
 from vfm_sdm.inputs.session.narrow import narrow
@@ -32,7 +33,7 @@ from vfm_sdm.inputs.session.recording_fields import Files, Instant, Interval, co
 from vfm_sdm.inputs.session.report import Report
 from vfm_sdm.inputs.session.site import NO_LETTERS, Entry, Name, Number, Pixel, Positive, Readings, Site
 
-__all__ = ["Chessboard", "Point", "Sensor", "Session", "View"]
+__all__ = ["Chessboard", "Grid", "Point", "Sensor", "Session", "View"]
 
 _Count = Annotated[int, Strict(), Field(ge=3)]
 # Becomes a netCDF group and part of a file name. Not made of `Name`: of two `Field`s on one type, pydantic before 2.12
@@ -216,6 +217,8 @@ class Session(Entry):
     site: Site = Site()
     point: tuple[Point, ...] = ()
     """None where they are still to be found; nothing can be measured then, see `check_points`."""
+    grid: tuple[Grid, ...] = ()
+    """Many more points on the structure's face, which are found with the cameras that the others gave."""
     sensor: tuple[Sensor, ...] = ()
     method: Method = Method()
     chessboard: Chessboard | None = None
@@ -238,10 +241,10 @@ class Session(Entry):
             raise SessionError("\n".join(faults))
 
     @model_serializer(mode="wrap")
-    def _without_report(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # As of a point: keys and hashes of sessions without it stay as they were before it came.
+    def _without_what_says_nothing(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # As of a point: keys and hashes of sessions without them stay as they were before they came.
         fields: dict[str, Any] = dump(self)
-        return {key: value for key, value in fields.items() if value is not None or key != "report"}
+        return {key: value for key, value in fields.items() if value or key not in ("report", "grid")}
 
     @classmethod
     def partial_faults(cls, fields: Mapping[str, Any]) -> list[str]:

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from vfm_sdm.core.datasets import frames_of_points
 from vfm_sdm.core.files import distinct_stem, file_stem, write_file
+from vfm_sdm.core.grids import without_grids
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.outputs.plots.about import About, positive_direction
 from vfm_sdm.outputs.plots.audit import plot_audit
@@ -52,7 +53,7 @@ def save_figures(
     folder
         The run folder.
     tracks_by_view
-        Tracks of each view, shape (T, P, 2) [px].
+        Tracks of each view, shape (T, P, 2) [px]; points of grids are not drawn.
     displacement
         Displacement dataset, shape (T, P, 3) [mm]; None when there is none.
     frames
@@ -70,6 +71,8 @@ def save_figures(
     DatasetError
         The data do not fit together.
     """
+    tracks_by_view = {view: without_grids(tracks) for view, tracks in tracks_by_view.items()}
+    displacement = None if displacement is None else without_grids(displacement)
     for view in points_by_view:
         if view not in frames or view not in tracks_by_view:
             raise DatasetError(f"view {view!r}: expected its first frame and its tracks, got neither or one; pass both")
@@ -103,6 +106,7 @@ def first_places(points: xr.Dataset) -> dict[str, xr.DataArray]:
     points
         Points dataset, positions of shape (V, P, 2) [px].
     """
+    points = without_grids(points)
     of_views = {view: points.sel(view=view) for view in list_names(points, "view")}
     return {
         view: one["position"].transpose("point", "pixel").isel(point=frames_of_points(one) == 0)

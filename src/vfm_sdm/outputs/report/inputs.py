@@ -10,8 +10,10 @@ from typing import Any
 
 import xarray as xr
 
+from vfm_sdm.analysis.field import read_field
 from vfm_sdm.core.block_files import LONG_BYTES
 from vfm_sdm.core.dataset_checks import check_variable
+from vfm_sdm.core.grids import grid_points, without_grids
 from vfm_sdm.core.netcdf import open_displacement, read_dataset, read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.stored import check_seal
@@ -63,12 +65,13 @@ class ReportInputs:
     points: xr.Dataset
     evaluation: Mapping[str, Any] | None = None
     modes: xr.Dataset | None = None
+    field: xr.Dataset | None = None
     notes: tuple[str, ...] = ()
 
     @cached_property
     def point_names(self) -> tuple[str, ...]:
-        """Names of all points, in the session's order."""
-        return tuple(str(name) for name in self.displacement["point"].values)
+        """Names of all points that have names of their own, in the session's order."""
+        return tuple(str(name) for name in without_grids(self.displacement)["point"].values)
 
     @cached_property
     def axis_names(self) -> tuple[str, ...]:
@@ -143,7 +146,8 @@ def open_run(folder: Path | str, *, session: Path | str | None = None) -> Iterat
     cameras, _ = read_solution(place / "cameras.toml")
     with _displacement(place) as displacement:
         notes = RunFolder(place).check_whole("displacement", displacement.attrs)
-        unknown = {str(name) for name in displacement["point"].values} ^ {point.name for point in measured.point}
+        named = {point.name for point in measured.point} | set(grid_points(displacement))
+        unknown = {str(name) for name in displacement["point"].values} ^ named
         if unknown:
             raise ResultsError(
                 f"{place}: expected the points of {SESSION}, got others in displacement.nc: "
@@ -155,11 +159,22 @@ def open_run(folder: Path | str, *, session: Path | str | None = None) -> Iterat
             summary=summary,
             displacement=displacement,
             cameras=cameras,
-            points=read_points(place),
+            points=without_grids(read_points(place)),
             evaluation=_read_evaluation(place),
             modes=_read_modes(place),
+            field=_read_field(place, displacement),
             notes=notes,
         )
+
+
+def _read_field(place: Path, displacement: xr.Dataset) -> xr.Dataset | None:
+    """The field of a run folder, which must be that of its displacement."""
+    field = read_field(place)
+    if field is not None and field.attrs.get("key") != displacement.attrs.get("key"):
+        raise ResultsError(
+            f"{place}: expected field.nc of this run's displacement, got one of another; run `vfm-sdm field` again"
+        )
+    return field
 
 
 def check_modes(modes: xr.Dataset) -> xr.Dataset:

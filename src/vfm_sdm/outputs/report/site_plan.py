@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray, mean_of_known
+from vfm_sdm.core.grids import without_grids
 from vfm_sdm.outputs.plots.drawing import AXIS_COLOURS, BLUE, GREY, VERMILION
 from vfm_sdm.outputs.report.drawing import WIDTH, Drawing, nice_ticks, shorten
 from vfm_sdm.outputs.report.inputs import MANY_POINTS, ReportInputs
@@ -59,7 +60,7 @@ def point_positions(inputs: ReportInputs) -> FloatArray:
     inputs
         Files of the run.
     """
-    data = inputs.displacement
+    data = without_grids(inputs.displacement)
     if "origin" in data:
         return np.asarray(data["origin"].transpose("point", "axis").values, dtype=np.float64)
     # The first minutes are enough of it.

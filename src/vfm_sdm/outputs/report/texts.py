@@ -5,6 +5,7 @@ A key that begins with a kind of word (``axis``, ``check``, ``outcome`` ...) tra
 
 from collections.abc import Mapping
 
+from vfm_sdm.outputs.report.texts_of_field import FIELD_TEXTS
 from vfm_sdm.outputs.report.texts_of_fusion import FUSION_TEXTS
 from vfm_sdm.outputs.report.texts_of_load_tests import LOAD_TEST_TEXTS
 from vfm_sdm.outputs.report.texts_of_repeatability import REPEATABILITY_TEXTS
@@ -207,6 +208,7 @@ CATALOGUE: Mapping[str, tuple[str, str]] = {
     **LOAD_TEST_TEXTS,
     **REPEATABILITY_TEXTS,
     **FUSION_TEXTS,
+    **FIELD_TEXTS,
     **WORD_TEXTS,
 }
 """Text of every key in English and German."""

@@ -113,6 +113,10 @@ _SENTENCES: Mapping[str, str] = {
     "not measured, as was said before tracking: {why:say}; name other places, or their places in the other view": ""
     "nicht gemessen, wie vor dem Verfolgen gesagt: {why}; andere Stellen benennen, oder ihre Stellen in der anderen "
     "Ansicht",
+    "{measured:n} of {all:n} points of the grid are measured": "{measured} von {all} Punkten des Rasters sind gemessen",
+    "left out: {names}": "ausgelassen: {names}",
+    "draw the polygon where both views see the face, and where it has texture": "das Polygon dort zeichnen, wo beide "
+    "Ansichten die Fläche sehen und wo sie Textur hat",
     "hardly any sample is missing": "kaum ein Wert fehlt",
     "point {point} was lost, left the picture or is not to be trusted in part of the recording": "Punkt {point} ging "
     "verloren, verließ das Bild oder ist in einem Teil der Aufnahme nicht vertrauenswürdig",

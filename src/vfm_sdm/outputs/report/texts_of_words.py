@@ -55,6 +55,12 @@ _CHECKS: Mapping[str, tuple[str, str, str]] = {
         "a point has no texture to follow; name another place.",
         "Ein Punkt hat keine verfolgbare Textur; eine andere Stelle benennen.",
     ),
+    "points of the grid": (
+        "Punkte des Rasters",
+        "half of the points of a grid or more are not measured; draw it where both views see the face.",
+        "Die Hälfte der Punkte eines Rasters oder mehr ist nicht gemessen; es dort zeichnen, wo beide Ansichten die "
+        "Fläche sehen.",
+    ),
     "samples missing": (
         "Fehlende Werte",
         "a point was lost too often; choose one that is always seen.",

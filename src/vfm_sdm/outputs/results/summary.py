@@ -14,6 +14,7 @@ import xarray as xr
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status, check_displacement
 from vfm_sdm.core.files import write_json
+from vfm_sdm.core.grids import grid_points, without_grids
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.outputs.results.notes import (
     describe_camera_motion,
@@ -111,13 +112,15 @@ def describe_measurement(
     audit
         Checks and verdict; ``None`` where there are none.
     """
+    named = {view: without_grids(of_view) for view, of_view in tracks.items()}
     return {
         "status": cameras.status,
         "system": {"platform": platform.platform(), "processor": platform.machine(), "processors": os.cpu_count()},
         "audit": None if audit is None else audit.as_table(),
         "scale": None if audit is None or audit.scale is None else audit.scale.as_table(),
-        "notes": [*subset_notes(tracks), *cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
-        "points": {} if displacement is None else summarize_displacement(displacement),
+        "grids": {} if displacement is None else summarize_grids(displacement),
+        "notes": [*subset_notes(named), *cameras.notes, *recording_notes(tracks), *displacement_notes(displacement)],
+        "points": {} if displacement is None else summarize_displacement(without_grids(displacement)),
         "frame": None if displacement is None else displacement.attrs["frame"],
         "cameras": {
             "epipolar_rms_px": cameras.epipolar_rms_px,
@@ -127,12 +130,33 @@ def describe_measurement(
                 for view in cameras.points["view"].values
             },
         },
-        "subsets": {view: describe_subsets(t) for view, t in tracks.items()},
+        "subsets": {view: describe_subsets(t) for view, t in named.items()},
         "recordings": {view: describe_recording(t) for view, t in tracks.items()},
         "clocks": {} if displacement is None else describe_clocks(displacement),
         "camera_motion": {} if displacement is None else describe_camera_motion(displacement),
         "refinement": {} if displacement is None else describe_refinement(displacement),
     }
+
+
+def summarize_grids(displacement: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """By grid: how many ``points`` it has, and ``coverage_valid``, the share of samples that are ok, by name [1].
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset, shape (T, P, 3) [mm].
+    """
+    names = grid_points(displacement)
+    if not names:
+        return {}
+    chosen = displacement[["grid", "status"]].sel(point=names)
+    share = (chosen["status"].values == Status.OK).mean(axis=0)
+    summary: dict[str, dict[str, Any]] = {}
+    for name, grid, valid in zip(names, chosen["grid"].values.tolist(), share.tolist(), strict=True):
+        one = summary.setdefault(str(grid), {"points": 0, "coverage_valid": {}})
+        one["points"] += 1
+        one["coverage_valid"][name] = valid
+    return summary
 
 
 def summarize_displacement(displacement: xr.Dataset) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import BoolArray, FloatArray, LumaArray, mean_of_known
 from vfm_sdm.core.covariances import edges_across, measured_variance
+from vfm_sdm.core.grids import grid_points
 from vfm_sdm.core.statuses import Outcome, PointStatus, Verdict
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
@@ -250,7 +251,10 @@ class AuditInputs:
         unknown = sorted(set(products) - set(known))
         if unknown:
             raise DatasetError(f"audit: expected products of {known}, got {unknown}; correct their names")
-        self.given = dict(products)
+        # Points of grids are judged together, by a check of their own; one of hundreds must not condemn the rest.
+        self.grid = _find_grids(products.get("displacement"))
+        many = [] if self.grid is None else self.grid["point"].values.tolist()
+        self.given = {name: _without(one, many) for name, one in products.items()} if many else dict(products)
 
     @cached_property
     def scale(self) -> ScaleBudget | None:
@@ -328,6 +332,21 @@ class AuditInputs:
             variance = chosen["position"].var("time").sum("pixel", skipna=False).values
         noise = measured_variance(chosen["position_covariance"].values, edges_across(chosen))
         return np.asarray(np.sqrt(np.maximum(variance - mean_of_known(noise), 0.0)))
+
+
+def _find_grids(displacement: object) -> xr.DataArray | None:
+    """Status of the points of grids (time, point); ``None`` without any."""
+    names = grid_points(displacement) if isinstance(displacement, xr.Dataset) else []
+    return displacement["status"].sel(point=names) if names and isinstance(displacement, xr.Dataset) else None
+
+
+def _without(product: object, names: list[str]) -> object:
+    """A product without some points."""
+    if isinstance(product, xr.Dataset):
+        return product.drop_sel(point=names)
+    if isinstance(product, dict) and all(isinstance(one, xr.Dataset) for one in product.values()):
+        return {view: _without(one, names) for view, one in product.items()}
+    return product
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,7 @@ def add_facts(
     aligned: xr.Dataset,
     motions: Mapping[str, ViewMotion],
     refinement: Refinement | None,
+    points: xr.Dataset,
 ) -> xr.Dataset:
     """Displacement with the facts about each view and point; samples are unreliable where a view's clock is unknown.
 
@@ -80,6 +81,8 @@ def add_facts(
         Motion of the cameras by view; empty where it was not looked for.
     refinement
         Result of the refinement; ``None`` without one.
+    points
+        Points dataset, shape (V, P, 2) [px], with ``grid`` (point) where there are grids.
 
     Returns
     -------
@@ -87,6 +90,7 @@ def add_facts(
         With, on ``view``, ``clock_offset`` [s], ``clock_offset_std`` [s], ``clock_rate`` [1], ``clock_status``,
         ``clock_use`` (view, point), ``camera_motion_before`` and ``camera_motion_after`` [px] (root mean square shift
         of the static points) and ``camera_motion_status``; what injected motion showed, on view and point (`INJECTED`);
+        on ``point`` the ``grid`` that it belongs to, where there is one;
         and of a refinement ``refinement_correction`` (time, point) [px], and on ``point`` ``prior_share`` [1],
         ``refinement_status`` and ``refined_view``; of more than two views also
         ``reference_views``, those that it was refined against. The attribute ``time_coverage_start`` where it is known.
@@ -96,6 +100,8 @@ def add_facts(
     }
     facts |= {name: aligned[name] for name in INJECTED if name in aligned}
     displacement = displacement.assign(facts).assign_attrs({k: v for k, v in aligned.attrs.items() if k == START})
+    if "grid" in points:
+        displacement = displacement.assign(grid=points["grid"])
     if motions:
         chosen = [motions[str(view)] for view in displacement["view"].values]
         displacement = displacement.assign(

@@ -16,9 +16,9 @@ __all__ = ["synchronize_tracks"]
 
 _SEARCH_S = 3.0
 """Largest difference between the stated and the true offset of a view [s]."""
-_OF_ONE_VIEW = ("half_difference", "half_covariance", "reference", "reference_covariance", "reference_frame")
+_OF_ONE_VIEW = ("half_difference", "half_covariance", "reference", "reference_covariance", "reference_frame", "grid")
 """What is left behind: halves of subsets, which are a third of long tracks and which nobody compares on a common clock;
-and reference frames, whose numbers are each view's own."""
+reference frames, whose numbers are each view's own; and names of grids, which points have in every view alike."""
 
 
 def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: Rig | None = None) -> xr.Dataset:
@@ -78,7 +78,7 @@ def synchronize_tracks(session: Session, tracks: Mapping[str, xr.Dataset], rig: 
         clock_offset_std=("view", stds, {"units": "s"}),
         clock_rate=("view", list(rates.values()), {"units": "1"}),
         clock_status=("view", np.array([str(status) for status in statuses], dtype=object)),
-        clock_use=(("view", "point"), _list_uses(session, found, moving)),
+        clock_use=(("view", "point"), _list_uses(aligned, found, moving)),
         bits_per_pixel=("view", [_bits_per_pixel(tracks[name]) for name in stated], {"units": "1"}),
     )
 
@@ -92,13 +92,13 @@ def _offset_std(session: Session, view: View, found: Synchronization | None) -> 
     return view.time_offset_std_s or 0.0
 
 
-def _list_uses(session: Session, found: Mapping[str, Synchronization], moving: list[str]) -> np.ndarray:
+def _list_uses(aligned: xr.Dataset, found: Mapping[str, Synchronization], moving: list[str]) -> np.ndarray:
     """What became of every point in every view, shape (V, P)."""
     rows = []
-    for view in session.view:
-        uses = found[view.name].uses if view.name in found else ()
+    for view in aligned["view"].values.tolist():
+        uses = found[view].uses if view in found else ()
         by_name = dict(zip(moving, uses, strict=True)) if uses else {}
-        rows.append([str(by_name.get(point.name, ClockUse.NOT_ASKED)) for point in session.point])
+        rows.append([str(by_name.get(name, ClockUse.NOT_ASKED)) for name in aligned["point"].values.tolist()])
     return np.array(rows, dtype=object)
 
 

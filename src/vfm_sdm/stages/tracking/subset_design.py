@@ -9,6 +9,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, LumaArray
+from vfm_sdm.core.datasets import frames_of_points
+from vfm_sdm.core.grids import grid_points
 from vfm_sdm.core.statuses import PointStatus
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.registration.designs import USUAL_SUBSET_PX, SubsetDesign, check_subset_px
@@ -166,6 +168,36 @@ class SubsetDesigns:
             found = design_subsets(video, points2d, together, subset_px=subset_px, reference_frame=frame)
             self._known |= {keys[name]: choice for name, choice in zip(together, found, strict=True)}
         return {name: self._known[key] for name, key in keys.items()}
+
+    def choose_all(
+        self, recordings: Mapping[str, Video], points: xr.Dataset, subset_px: int | None
+    ) -> dict[str, dict[str, SubsetChoice]]:
+        """Subsets of all points that have a place, by view and name.
+
+        Parameters
+        ----------
+        recordings
+            The recordings by view.
+        points
+            Points dataset, shape (V, P, 2) [px].
+        subset_px
+            Side of the squares [px]; chosen for each point when ``None``.
+
+        Notes
+        -----
+        Points of a grid get whole squares: what looking at each would tell of hundreds, their neighbours tell together.
+        """
+        found: dict[str, dict[str, SubsetChoice]] = {}
+        for view in points["view"].values.tolist():
+            of_view = points.sel(view=view)
+            place = of_view["position"].transpose("point", "pixel").values
+            names, many = of_view["point"].values.tolist(), set(grid_points(points))
+            known = {name: at for name, at in zip(names, place, strict=True) if np.isfinite(at).all()}
+            numbers = dict(zip(names, frames_of_points(of_view).tolist(), strict=True))
+            named = {name: at for name, at in known.items() if name not in many}
+            found[view] = self.choose(recordings[view], view, named, numbers, subset_px)
+            found[view] |= {name: _unknown(subset_px) for name in known if name in many}
+        return found
 
 
 def describe_subsets(names: Sequence[str], choices: Sequence[SubsetChoice]) -> xr.Dataset:

@@ -90,7 +90,8 @@ def track_views(
         name: plan_segments(view.video, view.tracker, view.targets, work.segment_s) for name, view in views.items()
     }
     tracked = track_segments(plans, work, progress)
-    return {name: _finish(name, view, tracked[name], work.folder) for name, view in views.items()}
+    grid = {"grid": points["grid"]} if "grid" in points else {}
+    return {name: _finish(name, view, tracked[name], work.folder).assign(grid) for name, view in views.items()}
 
 
 def is_whole(tracks: Mapping[str, xr.Dataset]) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.acceptance import BudgetModel
+from vfm_sdm.core.grids import grid_points
 from vfm_sdm.core.netcdf import read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import ResultsError, SessionError
@@ -87,8 +88,9 @@ def read_measurement(folder: Path | str) -> Measurement:
     session = read_session_of(path)
     cameras, _ = read_solution(path / CAMERAS.file)
     tracks, _ = _read_tracks(path)
-    _check_names(path, session, tracks)
-    products: dict[str, Any] = {"cameras": cameras, "points": read_points(path), "tracks": tracks, "injection": None}
+    points = read_points(path)
+    _check_names(path, session, points, tracks)
+    products: dict[str, Any] = {"cameras": cameras, "points": points, "tracks": tracks, "injection": None}
     if (path / INJECTION.file).exists():
         products["injection"], _ = read_injection(path / INJECTION.file)
     return Measurement(session).given(**products)
@@ -100,9 +102,9 @@ def _read_tracks(folder: Path) -> tuple[dict[str, xr.Dataset], str]:
     return TRACKS.read(folder / TRACKS.file)
 
 
-def _check_names(path: Path, session: Session, tracks: dict[str, xr.Dataset]) -> None:
+def _check_names(path: Path, session: Session, points: xr.Dataset, tracks: dict[str, xr.Dataset]) -> None:
     """Refuses tracks of other views or points than the session names, before a stage trips over them."""
-    wanted = [view.name for view in session.view], {point.name for point in session.point}
+    wanted = [view.name for view in session.view], {p.name for p in session.point} | set(grid_points(points))
     got = list(tracks), {str(name) for of_view in tracks.values() for name in of_view["point"].values}
     if wanted[0] != got[0] or not got[1] <= wanted[1]:
         raise ResultsError(
@@ -133,7 +135,7 @@ def read_budget_model(folder: Path | str) -> BudgetModel:
     return BudgetModel(
         displacement=displacement,
         unrefined=unrefined,
-        tracks=measurement.aligned.assign(place_std=cameras.points["position_std"]),
+        tracks=measurement.aligned.assign(place_std=measurement.points["position_std"]),
         rig=cameras.rig,
         rotation=np.eye(3) if cameras.frame is None else cameras.frame.rotation,
         covariance=cameras.covariance,

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from fields import draw_field
 from plugins import installed
 from run_folders import write_run
 from vfm_sdm.analysis.evaluation import Evaluation, EvaluationRow, write_evaluation
 from vfm_sdm.analysis.evaluation.metrics import score as compute_score
+from vfm_sdm.analysis.field import compute_field, read_field, write_field
 from vfm_sdm.core.netcdf import read_displacement, write_dataset
 from vfm_sdm.core.registry import part_names
 from vfm_sdm.errors import BackendUnavailableError, ResultsError, SessionError
@@ -41,7 +43,7 @@ EXPECTED = {
     **dict.fromkeys(("assumption", "compression", "subset"), False),
 }
 """Components that there is something to tell from."""
-ELSEWHERE = {"fusion", "load-test", "passages", "repeatability"}
+ELSEWHERE = {"field", "fusion", "load-test", "passages", "repeatability"}
 """Sections of analyses that have tests of their own, and that this run has no files of."""
 MOST_BYTES = 5_000_000
 TAG = "{http://www.w3.org/1999/xhtml}"
@@ -76,6 +78,9 @@ def run(tmp_path_factory):
         rows.append(EvaluationRow(names[1], axis, score, float(np.ptp(values)), 1.02 * float(np.ptp(values)), 0.0123))
     write_evaluation(folder, Evaluation(tuple(rows), None, (1.0, 10.0), "accelerometers <&>", ("one <note>",)))
     write_dataset(folder / "modes.nc", make_modes(names))
+    field = compute_field(draw_field(2, points=60, frames=45).displacement, stations=9)
+    marks = {"key": displacement.attrs["key"]} if "key" in displacement.attrs else {}
+    write_field(folder, field.assign_attrs(marks), [0.5])
     return folder
 
 
@@ -275,6 +280,15 @@ def test_nothing_is_fetched_or_run(page):
     assert len(text.encode()) < MOST_BYTES
 
 
+def test_the_field_is_that_of_its_file(run, page):
+    field = read_field(run).sel(axis="vertical")
+    line = table_of(page, "Line at the times", "Linie zu den Zeiten")
+    assert [row[0][1] for row in line] == pytest.approx(field["station"].values.tolist())
+    row = int(np.nanargmax(field["displacement"].values) // field.sizes["station"])
+    column = 1 + int(row > np.nanargmin(field["displacement"].values) // field.sizes["station"])
+    assert [cells[column][1] for cells in line] == pytest.approx(field["displacement"].values[row].tolist())
+
+
 def test_headings_and_drawings_are_named(page):
     root, language, _ = page
     assert root.get("lang") == language
@@ -297,7 +311,7 @@ def test_pdf_has_all_sections_and_keeps_names_as_text(run, tmp_path):
     pages = text.split("\f")[:-1]
     assert len(pages) >= 6
     assert all(f"Seite {n} / {len(pages)}" in page for n, page in enumerate(pages, start=1))
-    for said in (NAMES[0], REPORT["client"], "10 Eigenformen", "11 Rückverfolgbarkeit"):
+    for said in (NAMES[0], REPORT["client"], "11 Eigenformen", "12 Rückverfolgbarkeit"):
         assert said in text
 
 
@@ -464,4 +478,4 @@ def test_sections_of_other_packages_stand_at_the_end(run, tmp_path, section, sai
     with installed(tmp_path, parts, {"traffic_report": SECTIONS}), open_run(run) as inputs:
         page = to_html(build_content(inputs, find_language("en")))
     assert said is None or said in page
-    assert ("<h2>12 Traffic</h2>" in page) == (section == "polite")
+    assert ("<h2>13 Traffic</h2>" in page) == (section == "polite")

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import MAD_TO_STD, FloatArray
 from vfm_sdm.core.covariances import raise_variance
 from vfm_sdm.core.dataset_checks import check_variable
+from vfm_sdm.core.grids import grid_points
 from vfm_sdm.core.netcdf import read_dataset, write_dataset
 from vfm_sdm.core.progress import Progress
+from vfm_sdm.core.statuses import InjectionStatus
 from vfm_sdm.inputs.video import Video
 from vfm_sdm.stages.tracking.base import Tracker
 from vfm_sdm.stages.tracking.design.choice import SubsetChoice
@@ -19,6 +21,8 @@ from vfm_sdm.stages.tracking.injection.inject import inject
 
 __all__ = ["correct_tracks", "inject_views", "read_injection", "write_injection"]
 
+_OF_A_GRID = 6
+"""Points of a grid that motion is put in around: it takes seconds a point, and the codec treats neighbours alike."""
 _SIGNIFICANT = 2.0
 """Standard deviations by which a gain must differ from 1 to be corrected."""
 
@@ -47,15 +51,55 @@ def inject_views(
     Returns
     -------
     found
-        The variables of `inject`, with a leading dim ``view``.
+        The variables of `inject`, with a leading dim ``view``. Of a grid, some points are looked at; the others get the
+        median of these, with their scatter.
     """
     found = []
     for number, (view, video) in enumerate(videos.items()):
         if progress is not None:
             progress("injection", number, len(videos))
         designs = {name: choice.design for name, choice in subsets.get(view, {}).items()}
-        found.append(inject(video, tracks[view], tracker, designs=designs or None))
+        chosen = _choose_points(tracks[view])
+        told = inject(video, tracks[view].sel(point=chosen), tracker, designs=designs or None)
+        found.append(_fill_grids(told, tracks[view]))
     return xr.concat(found, dim="view").assign_coords(view=list(videos))
+
+
+def _choose_points(tracks: xr.Dataset) -> list[str]:
+    """Points that motion is put in around: those with names of their own, and some of every grid, evenly over it."""
+    names, many = [str(name) for name in tracks["point"].values], grid_points(tracks)
+    if not many:
+        return names
+    followed = np.isfinite(tracks["position"].values).all(axis=(0, 2))
+    chosen = [name for name in names if name not in set(many)]
+    for grid in np.unique(tracks["grid"].values[tracks["grid"].values != ""]):
+        rows = np.flatnonzero((tracks["grid"].values == grid) & followed)
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, _OF_A_GRID).round().astype(int))] if rows.size else rows
+        chosen += [names[row] for row in rows]
+    return chosen
+
+
+def _fill_grids(told: xr.Dataset, tracks: xr.Dataset) -> xr.Dataset:
+    """What was found of some points, for all: of the others of a grid, the middle of what its points told."""
+    names = tracks["point"].values.tolist()
+    if told.sizes["point"] == len(names):
+        return told
+    ok = told["injection_status"].values == InjectionStatus.OK
+    found = told.reindex(point=names, fill_value={"injection_status": str(InjectionStatus.STILL)})
+    for grid in np.unique(tracks["grid"].values[tracks["grid"].values != ""]):
+        members = [name for name, of in zip(names, tracks["grid"].values, strict=True) if of == grid]
+        rest = [name for name in members if name not in told["point"].values]
+        sample = told.isel(point=np.flatnonzero(ok & np.isin(told["point"].values, members)))
+        found["injected_direction"].loc[{"point": rest}] = np.eye(2)
+        if not sample.sizes["point"]:
+            continue
+        scatter = MAD_TO_STD * abs(sample["injected_gain"] - sample["injected_gain"].median("point")).median("point")
+        for name in ("injected_gain", "injected_noise"):
+            found[name].loc[{"point": rest}] = sample[name].median("point")
+        spread = np.sqrt(sample["injected_gain_std"].median("point") ** 2 + scatter**2)
+        found["injected_gain_std"].loc[{"point": rest}] = spread
+        found["injection_status"].loc[{"point": rest}] = str(InjectionStatus.AS_OTHERS)
+    return found
 
 
 def correct_tracks(tracks: Mapping[str, xr.Dataset], found: xr.Dataset | None) -> dict[str, xr.Dataset]:
