@@ -12,6 +12,7 @@ __all__ = [
     "ClockStatus",
     "ClockUse",
     "InjectionStatus",
+    "ModeStatus",
     "LensStatus",
     "Outcome",
     "PointStatus",
@@ -248,3 +249,19 @@ class RevisitStatus(StrEnum):
     """A length was measured wrong, or a focal length stated too well."""
     STATIC_MOVED = "static points moved against each other"
     NOT_CONVERGED = "not converged"
+
+
+class ModeStatus(StrEnum):
+    """What is known of a mode, or why a candidate is none; only the first two are given a frequency."""
+
+    OK = "ok"
+    DAMPING_UNKNOWN = "record too short for damping"
+    """The interval of the damping is as wide as the damping itself."""
+    FREQUENCY_UNKNOWN = "frequency not known to 5 %"
+    NO_SUPPORT = "not clear of noise"
+    """The record is not far more probable with the mode than without it."""
+    TWIN = "second half of one peak"
+    """A mode of about the same shape and frequency is there."""
+    DRIVEN = "driven at one frequency"
+    """Damping below that of any structure: steps, machines."""
+    TOO_MANY = "more modes than asked for"
