@@ -36,6 +36,7 @@ _COMMANDS = {
     "lens": "lens:lens",
     "plan": "planning:plan",
     "load-test": "load_test:load_test",
+    "modes": "modes:modes",
     "points": "points:points",
     "watch": "watch:watch",
 }

@@ -18,6 +18,9 @@ __all__ = ["METHOD", "Found", "make_modes"]
 
 METHOD = "SSI-cov (pyOMA-2), stable poles; frequency, damping and 95 % intervals by the likelihood of each mode's series"
 
+_PEAK_NEAR, _PEAK_LIKE = 0.1, 0.7
+"""How near in frequency (relative) and how alike in shape (MAC) a peak of the spectrum must be to be a mode's."""
+
 
 @dataclass(frozen=True, eq=False)
 class Found:
@@ -70,15 +73,14 @@ def make_modes(
     """
     size = (len(found), displacement.sizes["point"], displacement.sizes["axis"])
     shape, std = np.full(size, np.nan + 0j), np.full(size, np.nan)
-    rms, reach = np.full(len(found), np.nan), np.full(len(found), np.nan)
-    fdd = np.full(len(found), np.nan)
+    rms, fdd = np.full(len(found), np.nan), np.full(len(found), np.nan)
     for number, one in enumerate(found):
         mean, scatter = _scaled_shape(channels, one, found)
         shape[number, channels.place[:, 0], channels.place[:, 1]] = mean
         std[number, channels.place[:, 0], channels.place[:, 1]] = scatter
         reach = np.abs(one.cluster.shape.real * channels.noise_mm).max()
         rms[number] = reach * np.sqrt(np.mean(one.series**2))
-        fdd[number], _ = _peak(spectra, one.cluster)
+        fdd[number] = _peak(spectra, one.cluster)
     in_mode = np.full(len(poles.order), -1)
     for number, one in enumerate(found):
         in_mode[one.cluster.members] = number
@@ -114,7 +116,7 @@ def make_modes(
         "frame": displacement.attrs.get("frame", ""),
         "left_out": [{"frequency_hz": hertz, "reason": str(reason)} for hertz, reason in sorted(left_out)],
     }
-    coords = {"mode": np.arange(1, len(found) + 1), "point": displacement["point"].values, "axis": displacement["axis"].values}
+    coords = {"mode": np.arange(1, len(found) + 1), **{dim: displacement[dim].values for dim in ("point", "axis")}}
     return xr.Dataset(variables, coords, attrs)
 
 
@@ -145,20 +147,18 @@ def _scaled_shape(channels: Channels, one: Found, found: Sequence[Found]) -> tup
     return scaled / largest, scatter * channels.noise_mm / (factor * largest)
 
 
-def _peak(spectra: Spectra, cluster: Cluster) -> tuple[float, float]:
-    """Peak of the first singular value nearest to a mode, with a shape like it [Hz], and how alike; NaN without one."""
+def _peak(spectra: Spectra, cluster: Cluster) -> float:
+    """Peak of the first singular value about a mode, where its shape is like the mode's [Hz]; NaN without one."""
     like = compute_mac(spectra.first, cluster.shape[None])[:, 0]
-    first = spectra.singular_values[:, 0]
-    near = (np.abs(spectra.frequency_hz / cluster.frequency_hz - 1) < 0.1) & (like > 0.7)
+    near = (np.abs(spectra.frequency_hz / cluster.frequency_hz - 1) < _PEAK_NEAR) & (like > _PEAK_LIKE)
     if not near.any():
-        return float("nan"), float("nan")
-    best = int(np.where(near, first, -np.inf).argmax())
-    return float(spectra.frequency_hz[best]), float(like[best])
+        return float("nan")
+    return float(spectra.frequency_hz[np.where(near, spectra.singular_values[:, 0], -np.inf).argmax()])
 
 
 def _mac(shape: ComplexArray) -> FloatArray:
-    flat = shape.reshape(len(shape), -1)
-    return compute_mac(flat, flat) if len(shape) else np.zeros((0, 0))
+    flat = shape.reshape(len(shape), int(np.prod(shape.shape[1:])))
+    return compute_mac(flat, flat)
 
 
 def _median_position(displacement: xr.Dataset) -> FloatArray:

@@ -1,7 +1,7 @@
 """Modes of a measured structure: which there are, and frequency, damping and shape of each with what is known of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -20,8 +20,8 @@ __all__ = ["ModalOptions", "identify_modes"]
 
 _LEAST_SUPPORT = 10.0
 """Logarithm of how much more probable a record must be with a mode than without it."""
-_ONE_SHAPE, _ONE_PEAK = 0.8, 0.15
-"""Shapes as alike, at frequencies as near (relative), are the same mode seen twice."""
+_ONE_MODE = ((0.8, 0.15), (0.9, 0.4))
+"""Shapes as alike (MAC), at frequencies as near (relative), are the same mode seen twice."""
 _WIDTHS, _FEWEST_LINES, _MOST_LINES = 8.0, 16.0, 250.0
 """Band about a mode: half-widths of its peak, and lines of the record at least and at most."""
 _DRIVEN = 0.002
@@ -122,7 +122,9 @@ def identify_modes(
         else:
             left_out.append((cluster.frequency_hz, status))
     spectra = compute_spectra(white, channels.rate_hz)
-    return make_modes(displacement, channels, found, poles=poles, spectra=spectra, left_out=left_out, order=options.most_order)
+    return make_modes(
+        displacement, channels, found, poles=poles, spectra=spectra, left_out=left_out, order=options.most_order
+    )
 
 
 def _drop_twins(
@@ -142,8 +144,10 @@ def _drop_twins(
 
 def _is_twin(one: Cluster, other: Cluster, channels: Channels) -> bool:
     apart = abs(one.frequency_hz - other.frequency_hz)
-    near = max(_ONE_PEAK * other.frequency_hz, 4 / channels.duration_s)
-    return bool(apart < near and compute_mac(one.shape[None], other.shape[None])[0, 0] > _ONE_SHAPE)
+    alike = compute_mac(one.shape[None], other.shape[None])[0, 0]
+    return any(
+        alike > mac and apart < max(near * other.frequency_hz, 4 / channels.duration_s) for mac, near in _ONE_MODE
+    )
 
 
 def _modal_coordinates(white: FloatArray, clusters: Sequence[Cluster]) -> FloatArray:
