@@ -33,8 +33,10 @@ def modes(
     ] = _OPTIONS.axes,
     band: Annotated[
         tuple[float, float] | None,
-        Parameter(help="Band in Hz, low and high; by default from 8 periods in the record, at least 0.2 Hz, to 0.4 of "
-                       "the frame rate."),
+        Parameter(
+            help="Band in Hz, low and high; by default from 8 periods in the record, at least 0.2 Hz, to 0.4 of "
+            "the frame rate."
+        ),
     ] = None,
     most: Annotated[int, Parameter(help="Modes at most; of more, the clearest.")] = _OPTIONS.most_modes,
     order: Annotated[int, Parameter(help="Highest order of the model.")] = _OPTIONS.most_order,
@@ -89,7 +91,9 @@ def _notes(found: xr.Dataset) -> list[str]:
     left = [f"{one['frequency_hz']:.3f} Hz ({one['reason']})" for one in found.attrs["left_out"]]
     notes = [f"left out: {', '.join(left)}"] if left else []
     if found.attrs["filled_share"] > 0:
-        notes.append(f"{100 * found.attrs['filled_share']:.1f} % of samples were not ok and were filled by straight lines")
+        notes.append(
+            f"{100 * found.attrs['filled_share']:.1f} % of samples were not ok and were filled by straight lines"
+        )
     return notes
 
 

@@ -285,7 +285,7 @@ _SECTIONS = {
     "budget": Part(_SECTIONS_AT + "budget:describe_budget"),
     "audit": Part(_SECTIONS_AT + "checks:describe_audit"),
     "comparison": Part(_SECTIONS_AT + "checks:describe_comparison"),
-    "modes": Part(_SECTIONS_AT + "checks:describe_modes"),
+    "modes": Part(_SECTIONS_AT + "modes:describe_modes"),
     "traceability": Part(_SECTIONS_AT + "traceability:describe_traceability"),
 }
 

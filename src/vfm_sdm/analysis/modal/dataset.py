@@ -16,7 +16,9 @@ from vfm_sdm.core.statuses import ModeStatus
 
 __all__ = ["METHOD", "Found", "make_modes"]
 
-METHOD = "SSI-cov (pyOMA-2), stable poles; frequency, damping and 95 % intervals by the likelihood of each mode's series"
+METHOD = (
+    "SSI-cov (pyOMA-2), stable poles; frequency, damping and 95 % intervals by the likelihood of each mode's series"
+)
 
 _PEAK_NEAR, _PEAK_LIKE = 0.1, 0.7
 """How near in frequency (relative) and how alike in shape (MAC) a peak of the spectrum must be to be a mode's."""

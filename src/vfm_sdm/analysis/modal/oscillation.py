@@ -7,7 +7,6 @@ import numpy as np
 
 from vfm_sdm.core.arrays import ComplexArray, FloatArray
 
-
 __all__ = ["Oscillation", "Spread", "compute_support", "estimate_oscillation"]
 
 _MOST_DAMPING, _LEAST_DAMPING = 0.3, 1e-4
@@ -203,4 +202,6 @@ def _spread(
     ends = np.interp(tails, share, np.log(values) if geometric else values)
     low, middle, high = np.exp(ends) if geometric else ends
     mean = np.average(values, weights=weight)
-    return Spread(float(middle), float(low), float(high), float(np.sqrt(np.average((values - mean) ** 2, weights=weight))))
+    return Spread(
+        float(middle), float(low), float(high), float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
+    )

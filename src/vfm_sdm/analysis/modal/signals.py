@@ -91,7 +91,9 @@ def make_channels(
         raise DatasetError(f"axis: expected some of {known}, got {', '.join(axes) or 'none'}; name those that count")
     time_s = displacement["time"].values
     if len(time_s) < _FEWEST_SAMPLES:
-        raise DatasetError(f"modes: expected {_FEWEST_SAMPLES} frames or more, got {len(time_s)}; measure a longer record")
+        raise DatasetError(
+            f"modes: expected {_FEWEST_SAMPLES} frames or more, got {len(time_s)}; measure a longer record"
+        )
     clock_s, rate_hz = even_clock(time_s)
     low, high = _choose_band(band_hz, rate_hz, len(clock_s) / rate_hz)
     values = trusted_values(displacement, "displacement")

@@ -41,8 +41,10 @@ def draw_stabilisation(modes: xr.Dataset, about: About) -> Figure:
             modes["line_frequency"], level, color=(BLUE, GREY, "#999999")[rank], linewidth=1.2 - 0.3 * rank,
             label=f"singular value {rank + 1}",
         )  # fmt: skip
-    first = 10 * np.log10(np.maximum(modes["singular_value"].isel(rank=0).values[1:], 1e-30))
-    spectrum.set_ylim(np.percentile(first, 2) - 15, first.max() + 5)
+    low, high = modes.attrs["band_hz"]
+    inside = (modes["line_frequency"].values > low) & (modes["line_frequency"].values < high)
+    first = 10 * np.log10(np.maximum(modes["singular_value"].values[inside, 0], 1e-30))
+    spectrum.set_ylim(first.min() - 20, first.max() + 5)
     spectrum.set_xlim(0, 1.05 * modes.attrs["band_hz"][1])
     spectrum.set_xlabel("frequency [Hz]")
     spectrum.set_ylabel("singular values, over the displacement's noise [dB/Hz]")
@@ -85,7 +87,9 @@ def draw_shapes(modes: xr.Dataset, about: About) -> Figure:
     panels = figure.subplots(count, 2, squeeze=False, sharex=True)
     for row, number in zip(panels, range(count), strict=True):
         one = modes.isel(mode=number)
-        title = f"{int(one['mode'])}: {float(one['frequency']):.3f} Hz, damping {100 * float(one['damping_ratio']):.2f} %"
+        title = (
+            f"{int(one['mode'])}: {float(one['frequency']):.3f} Hz, damping {100 * float(one['damping_ratio']):.2f} %"
+        )
         for axes, axis, what in zip(row, ("vertical", "lateral"), ("elevation", "plan"), strict=True):
             _draw_shape(axes, one, axis)
             axes.set_title(f"{title}, {what} ({axis})", loc="left", fontsize="small")
@@ -145,12 +149,16 @@ def animate_mode(one: xr.Dataset, about: About) -> bytes:
     for phase in np.arange(_FRAMES) / _FRAMES:
         axes.clear()
         moved = places + _REACH * size * (shape * np.exp(2j * np.pi * phase)).real
-        for at, style in ((places, {"color": GREY, "linewidth": 0.8, "marker": "."}), (moved, {"color": BLUE, "marker": "o"})):
+        for at, style in (
+            (places, {"color": GREY, "linewidth": 0.8, "marker": "."}),
+            (moved, {"color": BLUE, "marker": "o"}),
+        ):
             axes.plot(*_drawn(at[order]), **style)
         axes.plot(*_drawn(places[others]), "x", color=GREY)
         _fix(axes, middle, size)
         axes.set_title(
-            plain_text(f"{about.session} mode {int(one['mode'])}: {float(one['frequency']):.3f} Hz".strip()), fontsize="small"
+            plain_text(f"{about.session} mode {int(one['mode'])}: {float(one['frequency']):.3f} Hz".strip()),
+            fontsize="small",
         )
         canvas.draw()
         pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(64))

@@ -5,6 +5,7 @@ A key that begins with a kind of word (``axis``, ``check``, ``outcome`` ...) tra
 
 from collections.abc import Mapping
 
+from vfm_sdm.outputs.report.texts_of_modes import MODE_TEXTS
 from vfm_sdm.outputs.report.texts_of_results import RESULT_TEXTS
 from vfm_sdm.outputs.report.texts_of_words import WORD_TEXTS
 
@@ -198,5 +199,5 @@ _FRAME: Mapping[str, tuple[str, str]] = {
     "notes head": ("Notes of the measurement:", "Hinweise der Messung:"),
 }
 
-CATALOGUE: Mapping[str, tuple[str, str]] = {**_FRAME, **RESULT_TEXTS, **WORD_TEXTS}
+CATALOGUE: Mapping[str, tuple[str, str]] = {**_FRAME, **RESULT_TEXTS, **MODE_TEXTS, **WORD_TEXTS}
 """Text of every key in English and German."""

@@ -68,7 +68,12 @@ def write_modes_uff(path: Path, modes: xr.Dataset) -> Path:
     lines = [*units(), *nodes(places)]
     trace = [node + 1 for node in trace_order(places) if known[node]]
     if len(trace) > 1:
-        lines += ["    -1", "    82", f"{1:10d}{len(trace):10d}{_BLACK:10d}", "points in their order along the structure"]
+        lines += [
+            "    -1",
+            "    82",
+            f"{1:10d}{len(trace):10d}{_BLACK:10d}",
+            "points in their order along the structure",
+        ]
         lines += [
             "".join(f"{node:10d}" for node in trace[first : first + _NODES_A_LINE])
             for first in range(0, len(trace), _NODES_A_LINE)
