@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.analysis.modal.oscillation import Oscillation
+from vfm_sdm.analysis.modal.oscillation import Oscillation, Spread
 from vfm_sdm.analysis.modal.poles import Cluster, Poles
 from vfm_sdm.analysis.modal.shapes import compute_mac, to_real
 from vfm_sdm.analysis.modal.signals import DETRENDING, Channels
@@ -16,9 +17,7 @@ from vfm_sdm.core.statuses import ModeStatus
 
 __all__ = ["METHOD", "Found", "make_modes"]
 
-METHOD = (
-    "SSI-cov (pyOMA-2), stable poles; frequency, damping and 95 % intervals by the likelihood of each mode's series"
-)
+METHOD = "SSI-cov (pyOMA-2), stable poles; frequency, damping and 95 % intervals by the likelihood of each mode"
 
 _PEAK_NEAR, _PEAK_LIKE = 0.1, 0.7
 """How near in frequency (relative) and how alike in shape (MAC) a peak of the spectrum must be to be a mode's."""
@@ -54,7 +53,6 @@ def make_modes(
     poles: Poles,
     spectra: Spectra,
     left_out: Sequence[tuple[float, str]],
-    order: int,
 ) -> xr.Dataset:
     """The dataset of modes of `identify_modes`.
 
@@ -70,8 +68,6 @@ def make_modes(
         What the diagram shows.
     left_out
         Frequency [Hz] of every candidate that is no mode, and why.
-    order
-        Highest order of the model.
     """
     size = (len(found), displacement.sizes["point"], displacement.sizes["axis"])
     shape, std = np.full(size, np.nan + 0j), np.full(size, np.nan)
@@ -114,7 +110,6 @@ def make_modes(
         "duration_s": channels.duration_s,
         "channels": len(channels.place),
         "filled_share": channels.filled,
-        "highest_order": order,
         "frame": displacement.attrs.get("frame", ""),
         "left_out": [{"frequency_hz": hertz, "reason": str(reason)} for hertz, reason in sorted(left_out)],
     }
@@ -122,7 +117,7 @@ def make_modes(
     return xr.Dataset(variables, coords, attrs)
 
 
-def _by_mode(name: str, units: str, spreads: Sequence) -> dict[str, tuple]:  # type: ignore[type-arg]
+def _by_mode(name: str, units: str, spreads: Sequence[Spread]) -> dict[str, Any]:
     parts = {"": "value", "_std": "std", "_low": "low", "_high": "high"}
     return {
         name + ending: ("mode", np.array([getattr(one, part) for one in spreads], dtype=float), {"units": units})

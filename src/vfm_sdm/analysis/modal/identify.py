@@ -1,4 +1,4 @@
-"""Modes of a measured structure: which there are, and frequency, damping and shape of each with what is known of them."""
+"""Modes of a measured structure: which there are, and what is known of frequency, damping and shape of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -122,9 +122,8 @@ def identify_modes(
         else:
             left_out.append((cluster.frequency_hz, status))
     spectra = compute_spectra(white, channels.rate_hz)
-    return make_modes(
-        displacement, channels, found, poles=poles, spectra=spectra, left_out=left_out, order=options.most_order
-    )
+    modes = make_modes(displacement, channels, found, poles=poles, spectra=spectra, left_out=left_out)
+    return modes.assign_attrs(highest_order=options.most_order)
 
 
 def _drop_twins(

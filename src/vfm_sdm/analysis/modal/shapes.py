@@ -76,8 +76,5 @@ def to_real(shape: ComplexArray, like: ComplexArray | None = None) -> ComplexArr
     [(-0.6+0j), (0.8+0j)]
     """
     turned = shape * np.exp(-0.5j * np.angle(np.sum(shape**2))) / np.linalg.norm(shape)
-    if like is None:
-        positive = turned[np.abs(turned).argmax()].real >= 0
-    else:
-        positive = (to_real(like).conj() @ turned).real >= 0
-    return np.asarray(turned if positive else -turned) + 0.0
+    along = turned[np.abs(turned).argmax()] if like is None else to_real(like).conj() @ turned
+    return np.asarray(turned if along.real >= 0 else -turned) + 0.0

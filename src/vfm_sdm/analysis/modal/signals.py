@@ -101,15 +101,15 @@ def make_channels(
     columns, noise, place, filled = [], [], [], []
     for p, point in enumerate(displacement["point"].values):
         for a, axis in enumerate(displacement["axis"].values):
-            known = np.isfinite(values[:, p, a])
-            if str(point) in static or str(axis) not in axes or known.sum() < _FEWEST_KNOWN * len(clock_s):
+            ok = np.isfinite(values[:, p, a])
+            if str(point) in static or str(axis) not in axes or ok.sum() < _FEWEST_KNOWN * len(clock_s):
                 continue
-            columns.append(np.interp(clock_s, time_s[known], values[known, p, a]))
-            stated = std[known, p, a]
+            columns.append(np.interp(clock_s, time_s[ok], values[ok, p, a]))
+            stated = std[ok, p, a]
             stated = stated[np.isfinite(stated)]
             noise.append(float(np.sqrt(np.mean(stated**2))) if stated.size else 0.0)
             place.append((p, a))
-            filled.append(1 - known.sum() / len(clock_s))
+            filled.append(1 - ok.sum() / len(clock_s))
     if not columns:
         raise DatasetError(
             f"modes: expected a point with {_FEWEST_KNOWN:.0%} of its samples ok that may move, got none; look at the "
@@ -129,7 +129,7 @@ def _choose_band(band_hz: tuple[float, float] | None, rate_hz: float, duration_s
     low, high = (max(lowest, _LOWEST_HZ), _HIGHEST * rate_hz) if band_hz is None else band_hz
     if not lowest * (1 - 1e-9) <= low < high < rate_hz / 2:
         raise DatasetError(
-            f"band: expected {lowest:.3g} Hz (eight periods in {duration_s:.3g} s) <= low < high < {rate_hz / 2:.4g} Hz "
-            f"(half the frame rate), got {low:g} and {high:g}; choose another band or record longer"
+            f"band: expected {lowest:.3g} Hz (eight periods in {duration_s:.3g} s) <= low < high < "
+            f"{rate_hz / 2:.4g} Hz (half the frame rate), got {low:g} and {high:g}; choose another band or record longer"
         )
     return float(low), float(high)

@@ -160,8 +160,9 @@ def animate_mode(one: xr.Dataset, about: About) -> bytes:
             plain_text(f"{about.session} mode {int(one['mode'])}: {float(one['frequency']):.3f} Hz".strip()),
             fontsize="small",
         )
-        canvas.draw()
-        pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(64))
+        canvas.draw()  # type: ignore[no-untyped-call]
+        drawn = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
+        pictures.append(Image.fromarray(drawn).quantize(64))
     buffer = BytesIO()
     pictures[0].save(
         buffer, format="GIF", save_all=True, append_images=pictures[1:], duration=_PERIOD_MS // _FRAMES, loop=0
@@ -177,5 +178,5 @@ def _drawn(places: FloatArray | ComplexArray) -> tuple[FloatArray, FloatArray, F
 def _fix(axes: Axes, middle: FloatArray, size: float) -> None:
     half = 0.55 * size
     axes.set(xlim=(middle[2] - half, middle[2] + half), ylim=(middle[0] - half / 2, middle[0] + half / 2))
-    axes.set(zlim=(-middle[1] - half / 2, -middle[1] + half / 2), box_aspect=(2, 1, 1))  # type: ignore[call-arg]
-    axes.set(xlabel="longitudinal [m]", ylabel="lateral [m]", zlabel="up [m]")  # type: ignore[call-arg]
+    axes.set(zlim=(-middle[1] - half / 2, -middle[1] + half / 2), box_aspect=(2, 1, 1))
+    axes.set(xlabel="longitudinal [m]", ylabel="lateral [m]", zlabel="up [m]")

@@ -55,8 +55,8 @@ def write_modes_uff(path: Path, modes: xr.Dataset) -> Path:
     Notes
     -----
     Nodes are numbered as those of ``displacement.uff``: the points in their order, from 1; directions 1, 2, 3 are the
-    axes in theirs. Shapes are complex, with poles ``-z w + i w sqrt(1 - z^2)`` [rad/s]; where a shape is not known along
-    an axis, zero stands, and a point of which nothing is known is left out.
+    axes in theirs. Shapes are complex, with poles ``-z w + i w sqrt(1 - z^2)`` [rad/s]; where a shape is not
+    known along an axis, zero stands, and a point of which nothing is known is left out.
 
     References
     ----------

@@ -40,7 +40,7 @@ def describe_modes(inputs: ReportInputs, language: Language) -> Section | None:
     if "status" in modes:
         short = np.flatnonzero(modes["status"].values == str(ModeStatus.DAMPING_UNKNOWN)) + 1
         if short.size:
-            blocks.append(Paragraph(language.say("modes short", modes=", ".join(map(str, short))), "caution"))
+            blocks.append(Paragraph(language.say("modes short", modes=", ".join(map(str, short))), "care"))
     if "pole_frequency" in modes:
         blocks.append(Figure(language.say("figure stabilisation"), _draw_stabilisation(modes, language)))
     blocks.append(_tabulate_shapes(modes, language))
@@ -79,7 +79,7 @@ def _tabulate(modes: xr.Dataset, language: Language) -> Table:
         if has_ends:
             cells += [language.cell(float(one["collinearity"]), 2), language.digits(float(one["rms"]), 3)]
         rows.append((Cell(str(number + 1)), *cells))
-    columns = ("mode", "frequency hz", "damping percent")
+    columns: tuple[str, ...] = ("mode", "frequency hz", "damping percent")
     if has_ends:
         columns = ("mode", "frequency hz", "mode interval", "damping percent", "mode interval", "mode mpc", "mode rms")
     return Table(language.say("table modes"), tuple(language.say(name) for name in columns), tuple(rows))
