@@ -53,7 +53,9 @@ def load_library() -> Library:
     finally:
         drawing.setLevel(level)
         logging.getLogger("pyoma2").handlers.clear()
-    for module in (ssi, fdd):
+        logging.getLogger("pyoma2").setLevel(logging.WARNING)
+    modules: tuple[Any, ...] = (ssi, fdd)
+    for module in modules:
         module.trange = partial(module.trange, disable=True)
         module.tqdm = partial(module.tqdm, disable=True)
     return Library(ssi, fdd, gen)

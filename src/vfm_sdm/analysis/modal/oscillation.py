@@ -142,7 +142,8 @@ def _coefficients(
     frequency = np.fft.rfftfreq(len(series), interval_s)
     near = np.flatnonzero((frequency >= band_hz[0]) & (frequency <= band_hz[1]))
     values = np.fft.rfft(series)[near]
-    return 2 * np.pi * frequency[near] * interval_s, values / np.sqrt(np.mean(np.abs(values) ** 2))
+    scaled: ComplexArray = values / np.sqrt(np.mean(np.abs(values) ** 2))
+    return np.asarray(2 * np.pi * frequency[near] * interval_s), scaled
 
 
 def _log_likelihood(

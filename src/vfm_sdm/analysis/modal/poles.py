@@ -144,6 +144,6 @@ def find_clusters(poles: Poles, band_hz: tuple[float, float]) -> list[Cluster]:
         shape = np.mean([to_real(poles.shape[i], poles.shape[seed]) for i in members], axis=0)
         collinearity = compute_collinearity(shape)
         if collinearity >= _LEAST_COLLINEARITY:
-            medians = (float(np.median(one[members])) for one in (poles.frequency_hz, poles.damping_ratio))
-            clusters.append(Cluster(*medians, shape, collinearity, members))
+            hertz, damping = (float(np.median(one[members])) for one in (poles.frequency_hz, poles.damping_ratio))
+            clusters.append(Cluster(hertz, damping, shape, collinearity, members))
     return sorted(clusters, key=lambda one: one.frequency_hz)

@@ -55,7 +55,7 @@ def compute_collinearity(shape: ComplexArray) -> float:
     1.0
     """
     known = shape[np.isfinite(shape)]
-    moments = np.cov(known.real, known.imag, bias=True) + np.outer(*2 * [[known.real.mean(), known.imag.mean()]])
+    moments = np.stack([known.real, known.imag]) @ np.stack([known.real, known.imag]).T
     low, high = np.linalg.eigvalsh(moments)
     return float(((high - low) / (high + low)) ** 2)
 
@@ -77,4 +77,5 @@ def to_real(shape: ComplexArray, like: ComplexArray | None = None) -> ComplexArr
     """
     turned = shape * np.exp(-0.5j * np.angle(np.sum(shape**2))) / np.linalg.norm(shape)
     along = turned[np.abs(turned).argmax()] if like is None else to_real(like).conj() @ turned
-    return np.asarray(turned if along.real >= 0 else -turned) + 0.0
+    positive: ComplexArray = turned if along.real >= 0 else -turned
+    return positive + 0.0

@@ -130,6 +130,6 @@ def _choose_band(band_hz: tuple[float, float] | None, rate_hz: float, duration_s
     if not lowest * (1 - 1e-9) <= low < high < rate_hz / 2:
         raise DatasetError(
             f"band: expected {lowest:.3g} Hz (eight periods in {duration_s:.3g} s) <= low < high < "
-            f"{rate_hz / 2:.4g} Hz (half the frame rate), got {low:g} and {high:g}; choose another band or record longer"
+            f"{rate_hz / 2:.4g} Hz (half the frame rate), got {low:g} and {high:g}; choose another band"
         )
     return float(low), float(high)
