@@ -1,8 +1,7 @@
 """Modes of a structure from a minute of its displacement: frequency, damping and shape, beside the truth.
 
-The displacement is simulated, not filmed: six points of a bridge's girder, one vertical and one lateral bending mode and a
-second vertical one, driven by the wind, with the noise of a good measurement. `vfm-sdm modes RUN` does the same with a
-run folder.
+The displacement is simulated, not filmed: six points of a bridge's girder, one lateral and two vertical bending modes,
+driven by the wind, with the noise of a good measurement. `vfm-sdm modes RUN` does the same with a run folder.
 
     python examples/plot_modes.py [FOLDER]
 """
@@ -44,7 +43,8 @@ grid = figure.add_gridspec(3, 2, width_ratios=(1.3, 1))
 spectrum = figure.add_subplot(grid[:, 0], xlabel="frequency [Hz]", ylabel="order of the model")
 of_mode = modes["pole_mode"].values >= 0
 for which, colour, label in ((~of_mode, "#BBBBBB", "pole"), (of_mode, "#D55E00", "pole of a mode")):
-    spectrum.plot(modes["pole_frequency"].values[which], modes["pole_order"].values[which], ".", color=colour, label=label)
+    hertz, order = modes["pole_frequency"].values[which], modes["pole_order"].values[which]
+    spectrum.plot(hertz, order, ".", color=colour, label=label)
 power = spectrum.twinx()
 power.semilogy(modes["line_frequency"], modes["singular_value"].isel(rank=0), color="#0072B2", linewidth=0.9)
 power.set_yticks([])
@@ -60,10 +60,10 @@ for row, (axis, hertz, damping, waves) in enumerate(TRUE):
     shape *= np.sign(shape @ true)
     panel.plot(28.8 * station, true / np.abs(true).max(), color=INK, linestyle=":", label="true")
     panel.plot(28.8 * station, shape, "o-", color="#0072B2", label="found")
-    frequency = f"{float(one['frequency']):.3f} ({float(one['frequency_low']):.3f} to {float(one['frequency_high']):.3f}) Hz"
-    percent = [100 * float(one[f"damping_ratio{end}"]) for end in ("", "_low", "_high")]
-    finish(panel, f"{axis}: {frequency}, true {hertz}\ndamping {percent[0]:.1f} ({percent[1]:.1f} to {percent[2]:.1f}) %, "
-                  f"true {100 * damping:.1f}")  # fmt: skip
+    told = ["{:.3f} ({:.3f} to {:.3f}) Hz", "{:.1f} ({:.1f} to {:.1f}) %"]
+    for number, (name, factor) in enumerate((("frequency", 1), ("damping_ratio", 100))):
+        told[number] = told[number].format(*(factor * float(one[name + end]) for end in ("", "_low", "_high")))
+    finish(panel, f"{axis}: {told[0]}, true {hertz}\ndamping {told[1]}, true {100 * damping:.1f}")
     panel.tick_params(labelbottom=row == 2)
 panel.set_xlabel("along the structure [m]")
 panel.legend(fontsize=8, frameon=False)

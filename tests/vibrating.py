@@ -1,10 +1,9 @@
 """Displacement of a beam that vibrates in known modes, driven by white noise, without films."""
 
 import numpy as np
-import xarray as xr
 from scipy.signal import lfilter
 
-from vfm_sdm.core.datasets import STRUCTURE_AXES, Status
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 
 __all__ = ["DAMPING", "FREQUENCY_HZ", "NOISE_MM", "true_shapes", "vibrate"]
 
@@ -41,12 +40,17 @@ def vibrate(duration_s=60.0, *, seed=0, moves=True, static=0):
     place = np.zeros((count, POINTS + static, 3))
     place[:, :, 2] = np.linspace(2.0, 28.0, POINTS + static)
     names = [f"p{index}" for index in range(POINTS)] + [f"rest {index}" for index in range(static)]
-    return xr.Dataset(
-        {
-            "displacement": (("time", "point", "axis"), values, {"units": "mm"}),
-            "displacement_std": (("time", "point", "axis"), np.full(values.shape, NOISE_MM), {"units": "mm"}),
-            "position": (("time", "point", "axis"), place, {"units": "m"}),
-            "status": (("time", "point"), np.full(values.shape[:2], Status.OK, np.int8)),
-        },
-        {"time": np.arange(count) / RATE_HZ, "point": names, "axis": list(STRUCTURE_AXES)},
+    return make_displacement(
+        np.arange(count) / RATE_HZ,
+        names,
+        STRUCTURE_AXES,
+        DisplacementArrays(
+            displacement_mm=values,
+            displacement_std_mm=np.full(values.shape, NOISE_MM),
+            scale_std=np.full(values.shape[1:], 0.01),
+            position_m=place,
+            reprojection_error_px=np.zeros(values.shape[:2]),
+            status=np.zeros(values.shape[:2]),
+        ),
+        attrs={"frame": "structure"},
     )
