@@ -136,14 +136,14 @@ def _draw_shapes(modes: xr.Dataset, language: Language) -> str:
         one = modes.isel(mode=number)
         top = _ROW * number + 18
         box = (_LEFT, top, drawing.width - _RIGHT, top + _ROW - 24)
-        # Vertical is positive downwards, and drawn so.
-        panel = Panel(drawing, box, (float(along.min()) - edge, float(along.max()) + edge), (1.15, -1.15), language)
+        panel = Panel(drawing, box, (float(along.min()) - edge, float(along.max()) + edge), (-1.15, 1.15), language)
         last = number == count - 1
-        panel.frame(x_label=language.say("modes along") if last else "", x_numbers=last, y_ticks=2)
+        panel.frame(x_label=language.say("modes along") if last else "", x_numbers=last, y_ticks=0)
+        drawing.line(panel.place(panel.x_range, [0.0, 0.0]), _GREY, width=0.8)
         hertz = language.write(float(one["frequency"]), 3)
         drawing.text(_LEFT, top - 5, language.say("mode line", mode=number + 1, hertz=hertz), size=10.5)
-        for axis, colour in (("vertical", _BLUE), ("lateral", _ORANGE)):
-            shape = one["shape"].sel(axis=axis).values.real[points]
+        for axis, colour, up in (("vertical", _BLUE, -1), ("lateral", _ORANGE, 1)):  # vertical is positive downwards
+            shape = up * one["shape"].sel(axis=axis).values.real[points]
             known = np.isfinite(shape)
             if known.any():
                 corners = panel.place(along[known], shape[known])
