@@ -72,8 +72,8 @@ def _tabulate(found: xr.Dataset) -> Table:
         show_edge=False,
     )  # fmt: skip
     for column in ("mode", "Hz", "from", "to", "damping %", "from", "to", "MPC", "rms mm"):
-        table.add_column(Text(column), justify="right")
-    table.add_column(Text("status"), overflow="fold")
+        table.add_column(Text(column), justify="right", overflow="fold")
+    table.add_column(Text("status"), overflow="fold", min_width=9)
     for mode in found["mode"].values:
         one = found.sel(mode=mode)
         table.add_row(

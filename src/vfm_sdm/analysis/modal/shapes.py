@@ -72,8 +72,8 @@ def to_real(shape: ComplexArray, like: ComplexArray | None = None) -> ComplexArr
 
     Examples
     --------
-    >>> to_real(np.array([3j, -4j])).round(6).tolist()
-    [(-0.6+0j), (0.8+0j)]
+    >>> to_real(np.array([3j, -4j])).real.round(6).tolist()
+    [-0.6, 0.8]
     """
     turned = shape * np.exp(-0.5j * np.angle(np.sum(shape**2))) / np.linalg.norm(shape)
     along = turned[np.abs(turned).argmax()] if like is None else to_real(like).conj() @ turned
