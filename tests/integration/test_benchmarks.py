@@ -30,6 +30,7 @@ SMALLEST = {
     "scale": ["--draws", "1", "--priors", "2 %", "5 %"],
     "profiles": ["--kinds", "drone", "--sites", "1"],
     "references": ["--frames", "40", "--minutes", "4", "--segment-s", "60", "--seeds", "1"],
+    "modes": ["--runs", "1", "--seconds", "16"],
     "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],
     "tracking": ["--frames", "4", "--slow-frames", "3", "--repeats", "1"],
     "verdicts": ["--runs", "1", "--seeds", "1", "--faults", "both views drop frames", "a clipped reference"],

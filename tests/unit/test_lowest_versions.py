@@ -57,4 +57,4 @@ def test_a_requirement_without_a_floor_and_an_unknown_extra_are_refused(tool, ca
     with pytest.raises(ValueError, match="expected extras among vfm, got sfm"):
         list(tool.lowest_versions(made([], vfm=[]), ["sfm"]))
     assert tool.main(["speed"]) == 1
-    assert "expected extras among vfm, sfm, cluster, page, report, test, lint" in capsys.readouterr().err
+    assert "expected extras among vfm, sfm, cluster, page, report, modal, test, lint" in capsys.readouterr().err

@@ -39,6 +39,7 @@ _COMMANDS = {
     "passages": "passages:passages",
     "fuse": "fuse:fuse_command",
     "field": "field:field_command",
+    "modes": "modes:modes",
     "points": "points:points",
     "repeat": "repeat:repeat",
     "watch": "watch:watch",

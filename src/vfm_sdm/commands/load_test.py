@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import Limits, judge_load_test, read_steps, write_load_test
-from vfm_sdm.commands.runs import about_run, read_run, save_figure
+from vfm_sdm.commands.runs import about_run, check_elsewhere, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
 from vfm_sdm.outputs.plots.load_test import draw_load_test
 
@@ -36,6 +36,7 @@ def load_test(
 
     Writes load_test.nc, load_test.csv and figures/load_test.png into the run folder, where `vfm-sdm report` finds them.
     """
+    check_elsewhere(steps, run / "load_test.csv")
     plan = read_steps(steps)
     displacement, notes = read_run(run, axis)
     result = judge_load_test(displacement, plan, Limits(ratio, residual))

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import judge_passages, read_axles, read_passages, write_passages
-from vfm_sdm.commands.runs import about_run, read_run, save_figure
+from vfm_sdm.commands.runs import about_run, check_elsewhere, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
 from vfm_sdm.core.statuses import PassageStatus
 from vfm_sdm.outputs.plots.load_test import draw_passages
@@ -36,6 +36,7 @@ def passages(
 
     Writes passages.nc, passages.csv and figures/passages.png into the run folder, where `vfm-sdm report` finds them.
     """
+    check_elsewhere(table, run / "passages.csv")
     driven = read_passages(table)
     of_vehicle = read_axles(axles) if axles else ()
     displacement, notes = read_run(run, axis)

@@ -13,7 +13,7 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.outputs.plots import About, describe_run
 
-__all__ = ["about_run", "read_run", "save_figure"]
+__all__ = ["about_run", "check_elsewhere", "read_run", "save_figure"]
 
 _DPI = 120
 
@@ -40,6 +40,27 @@ def read_run(run: Path, axis: str | None = None) -> tuple[xr.Dataset, tuple[str,
         known = ", ".join(map(str, displacement["axis"].values))
         raise DatasetError(f"--axis: expected one of {known}, got {axis}; name one of them")
     return displacement, RunFolder(run).check_whole("displacement", displacement.attrs)
+
+
+def check_elsewhere(table: Path, written: Path) -> None:
+    """Refuses a table that the command's own result would be written over.
+
+    Parameters
+    ----------
+    table
+        File that is read.
+    written
+        File that is written.
+
+    Raises
+    ------
+    DatasetError
+        They are one file.
+    """
+    if table.exists() and written.exists() and table.samefile(written):
+        raise DatasetError(
+            f"{table}: expected a table elsewhere than where results are written, got the same file; rename it"
+        )
 
 
 def about_run(run: Path) -> About:

@@ -10,6 +10,7 @@ from vfm_sdm.errors import DatasetError
 __all__ = [
     "MAD_TO_STD",
     "BoolArray",
+    "ComplexArray",
     "FloatArray",
     "IntArray",
     "LumaArray",
@@ -23,6 +24,7 @@ __all__ = [
 
 FloatArray = npt.NDArray[np.float64]
 """Double precision, any shape: everything geometric."""
+ComplexArray = npt.NDArray[np.complex128]
 IntArray = npt.NDArray[np.integer]
 BoolArray = npt.NDArray[np.bool_]
 LumaArray = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]

@@ -288,7 +288,7 @@ _SECTIONS = {
     "audit": Part(_SECTIONS_AT + "checks:describe_audit"),
     "comparison": Part(_SECTIONS_AT + "checks:describe_comparison"),
     "fusion": Part(_SECTIONS_AT + "fusion:describe_fusion_section"),
-    "modes": Part(_SECTIONS_AT + "checks:describe_modes"),
+    "modes": Part(_SECTIONS_AT + "modes:describe_modes"),
     "load-test": Part(_SECTIONS_AT + "load_test:describe_load_test"),
     "passages": Part(_SECTIONS_AT + "load_test:describe_passages"),
     "repeatability": Part(_SECTIONS_AT + "repeatability:describe_repeatability"),

@@ -20,15 +20,19 @@ SESSION = "session.resolved.toml"
 """The session that is measured in a folder, with all its settings."""
 
 _SUMMARY, _FIGURES = "summary.json", "figures"
+_ANALYSES = ("field", "fused", "load_test", "modes", "passages", "repeatability")
+"""What commands add to a run: files of these names, and figures."""
 _RESULTS = (
     *("displacement.*", "movement_*.nc", "revisit.csv", "evaluation.json", "acceptance_*.json", _SUMMARY),
     *("report.html", "report.pdf"),
-    *(f"{stem}.{kind}" for stem in ("load_test", "passages", "repeatability") for kind in ("nc", "csv")),
+    *(f"{stem}.{kind}" for stem in _ANALYSES for kind in ("nc", "csv")),
+    *("modes.uff", "field.mp4", "field.gif", "field.pvd"),
     *(
-        f"{_FIGURES}/{stem}.png"
+        f"{_FIGURES}/{stem}"
         for stem in (
-            *("trajectory_*", "displacement_*", "points_*", "audit"),
-            *("load_test", "passages", "repeatability"),
+            *("trajectory_*.png", "displacement_*.png", "points_*.png", "audit.png"),
+            *(f"{stem}.png" for stem in _ANALYSES),
+            *("field_map.png", "modes_*.png", "mode_*.gif"),
         )
     ),
 )

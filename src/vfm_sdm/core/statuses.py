@@ -15,6 +15,7 @@ __all__ = [
     "FusionStatus",
     "InjectionStatus",
     "LensStatus",
+    "ModeStatus",
     "Outcome",
     "PassageStatus",
     "PointStatus",
@@ -302,3 +303,19 @@ class PassageStatus(StrEnum):
     """The passage is too short to tell its static part from the structure's oscillation."""
     IN_NOISE = "within noise"
     """The static part is not clear of it."""
+
+
+class ModeStatus(StrEnum):
+    """What is known of a mode, or why a candidate is none; only the first two are given a frequency."""
+
+    OK = "ok"
+    DAMPING_UNKNOWN = "record too short for damping"
+    """The interval of the damping is as wide as the damping itself."""
+    FREQUENCY_UNKNOWN = "frequency not known to 5 %"
+    NO_SUPPORT = "not clear of noise"
+    """The record is not far more probable with the mode than without it."""
+    TWIN = "second half of one peak"
+    """A mode of about the same shape and frequency is there."""
+    DRIVEN = "driven at one frequency"
+    """Damping below that of any structure: steps, machines."""
+    TOO_MANY = "more modes than asked for"

@@ -170,7 +170,7 @@ def _gather(
             "point": data["point"],
             "shape_number": np.arange(1, len(shapes) + 1),
         },
-        attrs={"frame": data.attrs["frame"], **({"key": data.attrs["key"]} if "key" in data.attrs else {})},
+        attrs={"frame": data.attrs["frame"], "displacement_key": str(data.attrs.get("key", ""))},
     )
 
 

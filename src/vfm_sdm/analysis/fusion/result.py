@@ -86,6 +86,7 @@ def describe_fusion(
         "band_hz": [0.0, _BAND_SHARE / interval],
         "notes": notes,
         **{name: of_point.attrs[name] for name in ("session_hash", START) if name in of_point.attrs},
+        "displacement_key": str(of_point.attrs.get("key", "")),
     }
     variables = {
         "displacement": (dims, values, {"units": "mm"}),

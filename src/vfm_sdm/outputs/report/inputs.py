@@ -11,10 +11,10 @@ from typing import Any
 import xarray as xr
 
 from vfm_sdm.analysis.field import read_field
+from vfm_sdm.analysis.modal.record import read_modes
 from vfm_sdm.core.block_files import LONG_BYTES
-from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.grids import grid_points, without_grids
-from vfm_sdm.core.netcdf import open_displacement, read_dataset, read_displacement, read_points
+from vfm_sdm.core.netcdf import open_displacement, read_displacement, read_points
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.core.stored import check_seal
 from vfm_sdm.errors import ResultsError, SessionError
@@ -23,7 +23,7 @@ from vfm_sdm.outputs.report.series import SeriesValues, describe_series
 from vfm_sdm.outputs.results.summary import read_summary
 from vfm_sdm.stages.cameras.solution import CameraSolution, read_solution
 
-__all__ = ["MANY_POINTS", "ReportInputs", "check_modes", "open_run"]
+__all__ = ["MANY_POINTS", "ReportInputs", "open_run"]
 
 MANY_POINTS = 20
 """Points up to which each has a figure of its own."""
@@ -102,17 +102,6 @@ class ReportInputs:
 
         return tuple(sorted(self.point_names, key=rank))
 
-    def is_outdated(self, result: xr.Dataset) -> bool:
-        """Whether a result was made of another displacement than the one in the folder.
-
-        Parameters
-        ----------
-        result
-            Dataset that names what it was made of in ``displacement_key``.
-        """
-        made_of, here = result.attrs.get("displacement_key", ""), self.displacement.attrs.get("key", "")
-        return bool(made_of) and made_of != here
-
 
 @contextmanager
 def open_run(folder: Path | str, *, session: Path | str | None = None) -> Iterator[ReportInputs]:
@@ -161,39 +150,10 @@ def open_run(folder: Path | str, *, session: Path | str | None = None) -> Iterat
             cameras=cameras,
             points=without_grids(read_points(place)),
             evaluation=_read_evaluation(place),
-            modes=_read_modes(place),
-            field=_read_field(place, displacement),
+            field=read_field(place),
+            modes=read_modes(place),
             notes=notes,
         )
-
-
-def _read_field(place: Path, displacement: xr.Dataset) -> xr.Dataset | None:
-    """The field of a run folder, which must be that of its displacement."""
-    field = read_field(place)
-    if field is not None and field.attrs.get("key") != displacement.attrs.get("key"):
-        raise ResultsError(
-            f"{place}: expected field.nc of this run's displacement, got one of another; run `vfm-sdm field` again"
-        )
-    return field
-
-
-def check_modes(modes: xr.Dataset) -> xr.Dataset:
-    """The modes as given, after checking dims and units.
-
-    Parameters
-    ----------
-    modes
-        Dataset with ``frequency`` [Hz], ``damping_ratio`` [1] (mode) and ``shape`` [1] (mode, point, axis).
-
-    Raises
-    ------
-    DatasetError
-        A variable is missing, or has other dims or units.
-    """
-    check_variable(modes, "frequency", ("mode",), "Hz")
-    check_variable(modes, "damping_ratio", ("mode",), "1")
-    check_variable(modes, "shape", ("mode", "point", "axis"), "1")
-    return modes
 
 
 @contextmanager
@@ -245,8 +205,3 @@ def _read_evaluation(folder: Path) -> Mapping[str, Any] | None:
     if not isinstance(found, dict) or not isinstance(found.get("rows"), list):
         raise ResultsError(f"{file}: expected a comparison with rows, got something else; run `vfm-sdm evaluate` again")
     return found
-
-
-def _read_modes(folder: Path) -> xr.Dataset | None:
-    file = folder / "modes.nc"
-    return read_dataset(file, check_modes, kind="modes", command="vfm-sdm modes") if file.exists() else None

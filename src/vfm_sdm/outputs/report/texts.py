@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from vfm_sdm.outputs.report.texts_of_field import FIELD_TEXTS
 from vfm_sdm.outputs.report.texts_of_fusion import FUSION_TEXTS
 from vfm_sdm.outputs.report.texts_of_load_tests import LOAD_TEST_TEXTS
+from vfm_sdm.outputs.report.texts_of_modes import MODE_TEXTS
 from vfm_sdm.outputs.report.texts_of_repeatability import REPEATABILITY_TEXTS
 from vfm_sdm.outputs.report.texts_of_results import RESULT_TEXTS
 from vfm_sdm.outputs.report.texts_of_words import WORD_TEXTS
@@ -209,6 +210,7 @@ CATALOGUE: Mapping[str, tuple[str, str]] = {
     **REPEATABILITY_TEXTS,
     **FUSION_TEXTS,
     **FIELD_TEXTS,
+    **MODE_TEXTS,
     **WORD_TEXTS,
 }
 """Text of every key in English and German."""

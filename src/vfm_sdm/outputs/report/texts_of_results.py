@@ -1,4 +1,4 @@
-"""Texts of a report around its figures: results, histories, budget, audit, comparison, modes."""
+"""Texts of a report around its figures: results, histories, budget, audit, comparison."""
 
 from collections.abc import Mapping
 
@@ -152,7 +152,7 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     "to s": ("to [s]", "bis [s]"),
     "verdict": ("verdict", "Urteil"),
     "reasons": ("reasons", "Gründe"),
-    # Comparison and modes.
+    # Comparison.
     "title comparison": ("Comparison with a reference", "Vergleich mit einer Referenz"),
     "comparison head": ("Compared with: {reference}.", "Verglichen mit: {reference}."),
     "comparison band": ("Both were filtered to {low} to {high} Hz.", "Beide wurden auf {low} bis {high} Hz gefiltert."),
@@ -174,12 +174,4 @@ RESULT_TEXTS: Mapping[str, tuple[str, str]] = {
     "gain": ("gain", "Verstärkung"),
     "lag ms": ("lag [ms]", "Versatz [ms]"),
     "coverage": ("coverage [%]", "Deckung [%]"),
-    "title modes": ("Modes", "Eigenformen"),
-    "mode": ("mode", "Form"),
-    "damping percent": ("damping [%]", "Dämpfung [%]"),
-    "table modes": (
-        "Natural frequencies and damping with expanded uncertainty (k = 2) where it is known.",
-        "Eigenfrequenzen und Dämpfung mit erweiterter Unsicherheit (k = 2), wo sie bekannt ist.",
-    ),
-    "table shapes": ("Shapes: amplitude and phase by mode.", "Eigenformen: Amplitude und Phase je Form."),
 }

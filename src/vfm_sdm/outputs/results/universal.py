@@ -11,7 +11,7 @@ from vfm_sdm.core.datasets import convert_units
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.signals.clocks import ROUNDED_STAMPS
 
-__all__ = ["to_uff"]
+__all__ = ["nodes", "to_uff", "units"]
 
 # Codes of the universal file format, datasets 15, 58 and 164.
 _TIME_RESPONSE = 1
@@ -63,12 +63,12 @@ def to_uff(path: Path, displacement: xr.Dataset) -> None:
                 records += _dataset_58(time_s[found], series[found], label=label, node=node, direction=direction)
     if not records:
         raise ResultsError("expected at least one value, got none; look at the tracks' status first")
-    text = "\n".join([*_dataset_164(), *_dataset_15(displacement), *records]) + "\n"
+    text = "\n".join([*units(), *_dataset_15(displacement), *records]) + "\n"
     path.write_bytes(text.encode("ascii", errors="replace"))
 
 
-def _dataset_164() -> list[str]:
-    """Units of the file: metre, newton, kelvin."""
+def units() -> list[str]:
+    """Dataset 164 as lines, the units of the file: metre, newton, kelvin."""
     factors = "".join(_fortran(value, 25, 17) for value in (1.0, 1.0, 1.0))
     return [
         "    -1",
@@ -83,12 +83,23 @@ def _dataset_164() -> list[str]:
 def _dataset_15(displacement: xr.Dataset) -> list[str]:
     """Nodes: number, coordinate systems, colour, and place along the axes [m]; none where no position is known."""
     position = displacement["position"].transpose("time", "point", "axis").values
-    lines = []
-    for node, of_point in enumerate(position.swapaxes(0, 1), start=1):
-        found = of_point[np.isfinite(of_point).all(axis=1)]
-        if found.size:
-            place = np.median(found, axis=0)
-            lines.append(f"{node:10d}{0:10d}{0:10d}{_BLACK:10d}" + "".join(f"{value:13.5E}" for value in place))
+    found = [of_point[np.isfinite(of_point).all(axis=1)] for of_point in position.swapaxes(0, 1)]
+    return nodes(np.array([np.median(one, axis=0) if one.size else np.full(3, np.nan) for one in found]))
+
+
+def nodes(places: FloatArray) -> list[str]:
+    """Dataset 15 as lines: nodes from 1, at places of shape (P, 3) [m]; those without a place have none.
+
+    Parameters
+    ----------
+    places
+        Places on the axes, shape (P, 3) [m].
+    """
+    lines = [
+        f"{node:10d}{0:10d}{0:10d}{_BLACK:10d}" + "".join(f"{value:13.5E}" for value in place)
+        for node, place in enumerate(places, start=1)
+        if np.isfinite(place).all()
+    ]
     return ["    -1", "    15", *lines, "    -1"] if lines else []
 
 

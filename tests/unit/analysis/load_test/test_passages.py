@@ -201,5 +201,11 @@ def test_files_and_the_command_say_what_was_judged(command, tmp_path):
     code, _, err = command("passages", tmp_path, table, "--axis", "lateral")
     assert code == 3
     assert "no amplification is known along lateral: no frequency" in " ".join(err.split())
+    # The table of the results is no table of passages, and none that is given may be written over.
+    kept = (tmp_path / "passages.csv").read_bytes()
+    code, _, err = command("passages", tmp_path, tmp_path / "passages.csv")
+    assert code == 1
+    assert "expected a table elsewhere" in err
+    assert (tmp_path / "passages.csv").read_bytes() == kept
     (tmp_path / "passages.nc").unlink()
     assert read_passages_of_run(tmp_path) is None

@@ -1,18 +1,15 @@
-"""The audit with what to do, the comparison with sensors, and modes."""
+"""The audit with what to do, and the comparison with sensors."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.outputs.report.content import Block, Cell, Listed, Paragraph, Section, Table
 from vfm_sdm.outputs.report.inputs import ReportInputs
-from vfm_sdm.outputs.report.language import UNKNOWN, Language, count_decimals
+from vfm_sdm.outputs.report.language import Language
 from vfm_sdm.outputs.report.sections.head import TONES
-from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
-__all__ = ["describe_audit", "describe_comparison", "describe_modes"]
+__all__ = ["describe_audit", "describe_comparison"]
 
 _NO_LIMIT = 1e-6
 """Limit of a check below which any amount is a caution, and none is worth saying."""
@@ -153,53 +150,3 @@ def describe_comparison(inputs: ReportInputs, language: Language) -> Section | N
     table = Table(language.say("table comparison"), heads, tuple(rows), words=2)
     listed = language.listed(language.tell(str(note)) for note in found.get("notes", []))
     return Section(language.say("title comparison"), (Paragraph(head), table, *listed))
-
-
-def describe_modes(inputs: ReportInputs, language: Language) -> Section | None:
-    """Frequencies, damping and shapes; nothing where no modes were identified.
-
-    Parameters
-    ----------
-    inputs
-        Files of the run.
-    language
-        Language of the texts.
-    """
-    modes = inputs.modes
-    if modes is None:
-        return None
-    rows = []
-    for number in range(modes.sizes["mode"]):
-        one = modes.isel(mode=number)
-        cells: list[Cell] = []
-        for name, factor in (("frequency", 1.0), ("damping_ratio", 100.0)):
-            value = factor * float(one[name])
-            std = factor * float(one[f"{name}_std"]) if f"{name}_std" in one else np.nan
-            decimals = count_decimals(COVERAGE_FACTOR * std, 2) if np.isfinite(std) and std > 0 else 3
-            shown = language.cell(value, decimals)
-            if shown.text != UNKNOWN and np.isfinite(std):
-                shown = Cell(f"{shown.text} ± {language.write(COVERAGE_FACTOR * std, decimals)}", value)
-            cells.append(shown)
-        rows.append((Cell(str(number + 1)), *cells))
-    columns = tuple(language.say(name) for name in ("mode", "frequency hz", "damping percent"))
-    shapes = []
-    for point in modes["point"].values:
-        for axis in modes["axis"].values:
-            values = np.atleast_1d(modes["shape"].sel(point=point, axis=axis).values)
-            cells = [
-                Cell(
-                    f"{language.write(abs(v), 3)} ∠ {language.write(float(np.degrees(np.angle(v))), 0)}°", float(abs(v))
-                )
-                if np.isfinite(v)
-                else Cell(UNKNOWN)
-                for v in values
-            ]
-            shapes.append((Cell(str(point)), Cell(language.word("axis", str(axis))), *cells))
-    heads = (language.say("point"), language.say("axis"), *(str(n + 1) for n in range(modes.sizes["mode"])))
-    return Section(
-        language.say("title modes"),
-        (
-            Table(language.say("table modes"), columns, tuple(rows)),
-            Table(language.say("table shapes"), heads, tuple(shapes), words=2),
-        ),
-    )

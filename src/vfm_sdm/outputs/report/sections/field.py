@@ -6,6 +6,7 @@ from vfm_sdm.analysis.field import extreme_times
 from vfm_sdm.outputs.report.content import Block, Cell, Paragraph, Section, Table
 from vfm_sdm.outputs.report.inputs import ReportInputs
 from vfm_sdm.outputs.report.language import Language
+from vfm_sdm.outputs.report.sections.outdated import warn_outdated
 
 __all__ = ["describe_field"]
 
@@ -30,6 +31,7 @@ def describe_field(inputs: ReportInputs, language: Language) -> Section | None:
     one = field.sel(axis=_AXIS)
     begin, end = (language.write(float(value), 2) for value in one["station"].values[[0, -1]])
     blocks: list[Block] = [
+        *warn_outdated(inputs, field, "field", language),
         Paragraph(language.say("field head", count=int(one["used"].sum()), begin=begin, end=end)),
     ]
     left_out = int((one["used"].values == 0).sum()) - len(inputs.static)

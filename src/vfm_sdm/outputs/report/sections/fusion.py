@@ -11,6 +11,7 @@ from vfm_sdm.outputs.report.content import Block, Cell, Figure, Paragraph, Secti
 from vfm_sdm.outputs.report.drawing import WIDTH, Drawing, Panel, span_of
 from vfm_sdm.outputs.report.inputs import ReportInputs
 from vfm_sdm.outputs.report.language import Language, count_decimals
+from vfm_sdm.outputs.report.sections.outdated import warn_outdated
 from vfm_sdm.stages.displacement.uncertainty import COVERAGE_FACTOR
 
 __all__ = ["describe_fusion_section"]
@@ -44,7 +45,7 @@ def describe_fusion_section(inputs: ReportInputs, language: Language) -> Section
     table = Table(
         language.say("table fusion"), columns, tuple(_list_cells(fused.sel(axis=axis), axis, language) for axis in axes)
     )
-    blocks: list[Block] = [head, table]
+    blocks: list[Block] = [*warn_outdated(inputs, fused, "fuse", language), head, table]
     for axis in axes:
         caption = language.say("figure fusion", axis=language.word("axis", axis))
         blocks.append(Figure(caption, _draw(inputs, fused.sel(axis=axis), point, axis, language)))

@@ -10,6 +10,7 @@ from vfm_sdm.outputs.report.content import Block, Cell, Figure, Paragraph, Secti
 from vfm_sdm.outputs.report.drawing import WIDTH, Drawing, Panel, shorten, span_of
 from vfm_sdm.outputs.report.inputs import ReportInputs
 from vfm_sdm.outputs.report.language import UNKNOWN, Language, count_decimals
+from vfm_sdm.outputs.report.sections.outdated import warn_outdated
 
 __all__ = ["describe_load_test", "describe_passages"]
 
@@ -33,7 +34,7 @@ def describe_load_test(inputs: ReportInputs, language: Language) -> Section | No
     result = read_load_test(inputs.folder)
     if result is None:
         return None
-    blocks: list[Block] = _warnings(inputs, result, "load-test", language)
+    blocks: list[Block] = [*warn_outdated(inputs, result, "load-test", language)]
     for axis in _chosen_axes(result["largest"], result["calculated"]):
         one, name = result.sel(axis=axis), language.word("axis", axis)
         points = _largest(one["largest"].values, one["point"].values)
@@ -63,7 +64,7 @@ def describe_passages(inputs: ReportInputs, language: Language) -> Section | Non
         return None
     largest = result["largest_static"].transpose("passage", "point", "axis")
     sizes = xr.DataArray(np.abs(largest.values).max(axis=0), coords=[largest["point"], largest["axis"]])
-    blocks: list[Block] = _warnings(inputs, result, "passages", language)
+    blocks: list[Block] = [*warn_outdated(inputs, result, "passages", language)]
     blocks.append(Paragraph(language.say("passages head")))
     for axis in _chosen_axes(sizes, None):
         one, name = result.sel(axis=axis), language.word("axis", axis)
@@ -73,11 +74,6 @@ def describe_passages(inputs: ReportInputs, language: Language) -> Section | Non
         caption = language.say(f"figure {line}", axis=name)
         blocks.append(Figure(caption, _draw_lines(one, line, _moving(points, inputs), language)))
     return Section(language.say("title passages"), tuple(blocks))
-
-
-def _warnings(inputs: ReportInputs, result: xr.Dataset, command: str, language: Language) -> list[Block]:
-    """A word where the result is older than the displacement."""
-    return [Paragraph(language.say("outdated", command=command), "care")] if inputs.is_outdated(result) else []
 
 
 def _chosen_axes(sizes: xr.DataArray, calculated: xr.DataArray | None) -> list[str]:

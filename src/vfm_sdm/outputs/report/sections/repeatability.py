@@ -7,6 +7,7 @@ from vfm_sdm.analysis.repeatability import read_repeatability
 from vfm_sdm.outputs.report.content import Block, Cell, Paragraph, Section, Table, Tone
 from vfm_sdm.outputs.report.inputs import ReportInputs
 from vfm_sdm.outputs.report.language import UNKNOWN, Language
+from vfm_sdm.outputs.report.sections.outdated import warn_outdated
 
 __all__ = ["describe_repeatability"]
 
@@ -29,9 +30,7 @@ def describe_repeatability(inputs: ReportInputs, language: Language) -> Section 
         return None
     people = sorted({str(name) for name in result["person"].values})
     head = language.say("repeatability head", count=result.sizes["run"], people=len(people), names=", ".join(people))
-    blocks: list[Block] = [Paragraph(head)]
-    if inputs.is_outdated(result):
-        blocks.insert(0, Paragraph(language.say("outdated", command="repeat"), "care"))
+    blocks: list[Block] = [*warn_outdated(inputs, result, "repeat", language), Paragraph(head)]
     blocks += [_tabulate(result.sel(quantity=quantity), quantity, language) for quantity in _SHOWN]
     return Section(language.say("title repeatability"), tuple(blocks))
 
