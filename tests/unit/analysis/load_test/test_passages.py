@@ -83,9 +83,9 @@ def test_amplification_without_noise_is_that_of_the_beam(speed):
 
 
 def test_intervals_of_amplification_hold_under_noise():
-    """Over 100 crossings of different speeds, beams and noise."""
+    """Over 40 crossings of different speeds, beams and noise."""
     held, true, found = [], [], []
-    for seed in range(100):
+    for seed in range(40):
         rng = np.random.default_rng([seed, 7])
         speed, first_hz = rng.uniform(5, 17), rng.uniform(3, 4.5)
         passage, time_s, total, static = crossing(speed, first_hz=first_hz)
@@ -94,7 +94,7 @@ def test_intervals_of_amplification_hold_under_noise():
         true.append(total.max() / static.max())
         found.append(float(one["amplification"]))
         held.append(float(one["amplification_low"]) <= true[-1] <= float(one["amplification_high"]))
-    assert np.mean(held) >= 0.88  # 95 % less three standard deviations of 100 draws
+    assert np.mean(held) >= 0.84  # 95 % less three standard deviations of 40 draws
     # The correction for the largest of noisy values leaves no bias that counts.
     assert abs(np.mean(np.subtract(found, true))) < 0.01
 
