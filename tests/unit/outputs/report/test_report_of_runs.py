@@ -43,7 +43,7 @@ EXPECTED = {
     **dict.fromkeys(("assumption", "compression", "subset"), False),
 }
 """Components that there is something to tell from."""
-ELSEWHERE = {"field", "fusion", "load-test", "passages", "repeatability"}
+ELSEWHERE = {"fusion", "load-test", "passages", "repeatability"}
 """Sections of analyses that have tests of their own, and that this run has no files of."""
 MOST_BYTES = 5_000_000
 TAG = "{http://www.w3.org/1999/xhtml}"
