@@ -1,6 +1,5 @@
 """The command ``field``: displacement of the whole structure along its length, from many points together."""
 
-from io import BytesIO
 from pathlib import Path
 from typing import Annotated
 
@@ -12,11 +11,10 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.field import NOT_OF_STRUCTURE, compute_field, extreme_times, write_field
+from vfm_sdm.commands.runs import read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, note, number_text, say
 from vfm_sdm.core.arrays import LumaArray
-from vfm_sdm.core.files import write_file
-from vfm_sdm.core.netcdf import read_displacement
-from vfm_sdm.core.run_folder import SESSION, RunFolder
+from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import DatasetError, VfmSdmError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.measurement import Measurement
@@ -51,15 +49,11 @@ def field_command(
     Writes field.nc, field.csv and figures/field.png into the run folder, where `vfm-sdm report` finds them; over the
     first frame, figures/field_map.png and the magnified motion as field.mp4 and field.gif; and field.pvd for ParaView.
     """
-    displacement = read_displacement(run)
-    if axis not in displacement["axis"].values:
-        known = ", ".join(map(str, displacement["axis"].values))
-        raise DatasetError(f"--axis: expected one of {known}, got {axis}; name one of them")
+    displacement, notes = read_run(run, axis)
     last = float(displacement["time"].values[-1])
     if any(not 0 <= one <= last for one in time):
         got = ", ".join(map(str, time))
         raise DatasetError(f"--time: expected times from 0 to {last:.2f} s, got {got}; correct them")
-    notes = RunFolder(run).check_whole("displacement", displacement.attrs)
     session = read_session(run / SESSION, check_files=False)
     field = compute_field(
         displacement,
@@ -73,10 +67,8 @@ def field_command(
     _say_points(field, axis)
     note(notes)
     about = describe_run(session, None)
-    written = [*write_field(run, field, times_s)]
-    buffer = BytesIO()
-    draw_field(field, displacement, axis, times_s, about).savefig(buffer, format="png", dpi=120)
-    written.append(write_file(run / "figures" / "field.png", buffer.getvalue()))
+    figure = draw_field(field, displacement, axis, times_s, about)
+    written = [*write_field(run, field, times_s), save_figure(figure, run, "field")]
     if animation:
         written.append(write_vtk(run, field))
     try:
@@ -97,9 +89,7 @@ def _draw_over(
         return []
     camera, rotation = cameras.rig.cameras[0], cameras.frame.rotation
     places = field["point_place"].transpose("point", "axis").values
-    buffer = BytesIO()
-    draw_heat_map(field, picture, camera.project(places @ rotation), *shown).savefig(buffer, format="png", dpi=120)
-    written = [write_file(run / "figures" / "field_map.png", buffer.getvalue())]
+    written = [save_figure(draw_heat_map(field, picture, camera.project(places @ rotation), *shown), run, "field_map")]
     if animation:
         used = field["used"].values.astype(bool).any(axis=1)
         moving = FieldPicture.of(picture, camera, places[used], rotation)

@@ -1,6 +1,5 @@
 """The command ``fuse``: one displacement from standstill to a sensor's band, of video and accelerometer."""
 
-from io import BytesIO
 from pathlib import Path
 from typing import Annotated
 
@@ -12,10 +11,9 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.fusion import FusionSettings, fuse, read_session_acceleration, write_fusion
+from vfm_sdm.commands.runs import read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, fail, note, number_text, say
-from vfm_sdm.core.files import write_file
-from vfm_sdm.core.netcdf import read_displacement
-from vfm_sdm.core.run_folder import SESSION, RunFolder
+from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.core.statuses import FusionStatus
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import read_session
@@ -43,12 +41,11 @@ def fuse_command(
 
     Writes fused.nc, fused.csv and figures/fused.png into the run folder, where `vfm-sdm report` finds them.
     """
-    displacement = read_displacement(run)
+    displacement, notes = read_run(run)
     file = session or run / SESSION
     if not file.is_file():
         raise SessionError(f"{file}: expected a session that names the sensor, got none; name it with --session")
     known = read_session(file, check_files=False)
-    notes = RunFolder(run).check_whole("displacement", displacement.attrs)
     acceleration, point = read_session_acceleration(known, sensor)
     settings = FusionSettings(search=LagSearch(search, start_lag))
     static = [one.name for one in known.point if one.static]
@@ -59,9 +56,8 @@ def fuse_command(
         return
     OUT.print(_tabulate(fused))
     note((*notes, *fused.attrs["notes"]))
-    buffer = BytesIO()
-    draw_fusion(displacement, fused, describe_run(known, None)).savefig(buffer, format="png", dpi=120)
-    written = [*write_fusion(run, fused), write_file(run / "figures" / "fused.png", buffer.getvalue())]
+    figure = draw_fusion(displacement, fused, describe_run(known, None))
+    written = [*write_fusion(run, fused), save_figure(figure, run, "fused")]
     say(f"written: {', '.join(map(str, written))}")
 
 

@@ -1,6 +1,5 @@
 """The command ``modes``: frequencies, damping and shapes of a measured structure."""
 
-from io import BytesIO
 from pathlib import Path
 from typing import Annotated
 
@@ -11,12 +10,10 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.modal import ModalOptions, identify_modes, write_modes
+from vfm_sdm.commands.runs import about_run, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, fail, note, number_text, say
 from vfm_sdm.core.files import write_file
-from vfm_sdm.core.netcdf import read_displacement
-from vfm_sdm.core.run_folder import SESSION, RunFolder
-from vfm_sdm.inputs.session import read_session
-from vfm_sdm.outputs.plots import About, describe_run
+from vfm_sdm.outputs.plots import About
 from vfm_sdm.outputs.plots.modes import animate_mode, draw_shapes, draw_stabilisation
 from vfm_sdm.outputs.results.universal_modes import write_modes_uff
 
@@ -47,10 +44,8 @@ def modes(
     Writes modes.nc, modes.csv, modes.uff and figures/modes*.png, mode_N.gif into the run folder, where `vfm-sdm report`
     finds them. Needs the extra `modal`.
     """  # fmt: skip
-    displacement = read_displacement(run)
-    notes = RunFolder(run).check_whole("displacement", displacement.attrs)
-    file = run / SESSION
-    about = describe_run(read_session(file, check_files=False), None) if file.is_file() else About()
+    displacement, notes = read_run(run)
+    about = about_run(run)
     options = ModalOptions(axis, band, most, order)
     found = identify_modes(displacement, options, static=about.static)
     low, high = found.attrs["band_hz"]
@@ -99,21 +94,16 @@ def _notes(found: xr.Dataset) -> list[str]:
 
 def _draw(run: Path, found: xr.Dataset, about: About, *, animate: bool) -> list[Path]:
     """Figures, films and the universal file of the modes."""
-    figures = run / "figures"
     pictures = {"modes": draw_stabilisation(found, about)}
     if found.sizes["mode"]:
         pictures["modes_shapes"] = draw_shapes(found, about)
-    written = []
-    for name, figure in pictures.items():
-        buffer = BytesIO()
-        figure.savefig(buffer, format="png", dpi=120)
-        written.append(write_file(figures / f"{name}.png", buffer.getvalue()))
+    written = [save_figure(figure, run, name) for name, figure in pictures.items()]
     if not found.sizes["mode"]:
         return written
     written.append(write_modes_uff(run / "modes.uff", found))
     if animate:
         written += [
-            write_file(figures / f"mode_{mode}.gif", animate_mode(found.sel(mode=mode), about))
+            write_file(run / "figures" / f"mode_{mode}.gif", animate_mode(found.sel(mode=mode), about))
             for mode in found["mode"].values
         ]
     return written
