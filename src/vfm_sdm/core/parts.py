@@ -208,6 +208,12 @@ _CAMERAS = {
     "chessboard": Part(_STAGES + "cameras.chessboard.estimator:ChessboardCameras", requires=("chessboard",)),
     "two-view": Part(_STAGES + "cameras.two_view:TwoViewCameras", chooses=("features",), requires=("baseline",)),
     "vggt": Part(_STAGES + "cameras.vggt:VggtCameras", _ON_A_DEVICE, needs=_VGGT, requires=("baseline",)),
+    "posediffusion": Part(
+        _STAGES + "cameras.posediffusion:PoseDiffusionCameras",
+        ("network.weights", "network.device"),
+        needs=Needs("vfm", ("torch",), ("posediffusion-co3d", "posediffusion-realestate10k")),
+        requires=("baseline",),
+    ),
     "sfm": Part(
         _STAGES + "cameras.sfm:SfmCameras",
         chooses=("features",),

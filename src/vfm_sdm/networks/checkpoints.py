@@ -6,6 +6,7 @@ __all__ = ["CHECKPOINTS", "Checkpoint"]
 
 _HUB = "https://huggingface.co/"
 _TAPNET = "https://storage.googleapis.com/dm-tapnet/"
+_POSEDIFFUSION = "https://github.com/facebookresearch/PoseDiffusion"
 _APACHE = "https://www.apache.org/licenses/LICENSE-2.0"
 
 
@@ -31,6 +32,8 @@ class Checkpoint:
         Address where the licence can be read.
     gated
         The publisher gives access only after its terms were accepted on the model's page.
+    by_hand
+        There is no fixed address of the file: the page at ``source`` links to it, and a person fetches it.
     remarks
         What a user has to know before choosing it.
 
@@ -48,6 +51,7 @@ class Checkpoint:
     licence: str
     licence_url: str
     gated: bool = False
+    by_hand: bool = False
     remarks: str = ""
 
     @property
@@ -58,6 +62,8 @@ class Checkpoint:
     @property
     def page(self) -> str:
         """Address of the model's page, or of the file where there is no page."""
+        if self.by_hand:
+            return self.source
         return _HUB + self.source if self.on_hub else self.source + self.file_name
 
     @property
@@ -131,6 +137,34 @@ _ALL = (
         "Apache-2.0",
         _APACHE,
         remarks="plain TAPIR, offline: fewer pyramid levels, no extra convolutions",
+    ),
+    Checkpoint(
+        "posediffusion-co3d",
+        "posediffusion",
+        _POSEDIFFUSION,
+        "co3d_model1.pth",
+        156_000_000,
+        "CC-BY-NC-4.0",
+        "https://creativecommons.org/licenses/by-nc/4.0/",
+        by_hand=True,
+        remarks=(
+            "not for commercial use: the licence is that of the published code, of the weights none is stated; the "
+            "paper's second camera estimator, trained on objects (CO3D)"
+        ),
+    ),
+    Checkpoint(
+        "posediffusion-realestate10k",
+        "posediffusion",
+        _POSEDIFFUSION,
+        "posediffusion-realestate10k.pth",
+        156_000_000,
+        "CC-BY-NC-4.0",
+        "https://creativecommons.org/licenses/by-nc/4.0/",
+        by_hand=True,
+        remarks=(
+            "as posediffusion-co3d, trained on rooms and houses (RealEstate10K) with pictures of 336 px, which only the "
+            "file's name tells; the publisher's name of the file is not known here"
+        ),
     ),
     Checkpoint(
         "aliked-n16",

@@ -123,12 +123,17 @@ def fetch_weights(
     Raises
     ------
     BackendUnavailableError
-        Unknown name, licence not acknowledged, disk full, no network, no access, or a file of another size.
+        Unknown name, a checkpoint that only a person can fetch, licence not acknowledged, disk full, no network, no access, or a file of another size.
     """
     checkpoint = _checkpoint(name)
     target = local_weights(name)
     if target.is_file() and _has_size(checkpoint, target):
         return target
+    if checkpoint.by_hand:
+        raise BackendUnavailableError(
+            f"weights {name}: expected {target}, got no whole file; no program can fetch it: follow the link on "
+            f"{checkpoint.page} ({checkpoint.licence}), and save the file under that name"
+        )
     if accept_licence:
         _remember(_LICENCES, name, {"licence": checkpoint.licence, "accepted": datetime.now(UTC)})
     elif not is_licence_accepted(name):

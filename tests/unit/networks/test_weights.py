@@ -76,7 +76,9 @@ def files(folder: Path) -> set[str]:
 
 def test_the_registry_states_size_licence_and_source_of_every_checkpoint(monkeypatch):
     monkeypatch.undo()
-    assert {one.network for one in CHECKPOINTS.values()} == {"vggt", "tapir", "aliked", "lightglue", "xfeat"}
+    assert {one.network for one in CHECKPOINTS.values()} == {
+        *("vggt", "tapir", "posediffusion", "aliked", "lightglue", "xfeat")
+    }
     for name, one in CHECKPOINTS.items():
         assert one.name == name
         assert one.size_bytes > 1e6

@@ -77,6 +77,7 @@ def comparisons() -> tuple[Comparison, ...]:
                 ComparedMethod("known cameras", cameras="file"),
                 ComparedMethod("chessboard", cameras="chessboard"),
                 ComparedMethod("VGGT", cameras="vggt"),
+                ComparedMethod("PoseDiffusion", cameras="posediffusion"),
                 ComparedMethod("SfM", cameras="sfm"),
             ),
         ),

@@ -24,7 +24,7 @@ def test_cameras_and_trackers_are_compared_without_refinement_and_one_at_a_time(
     found = {comparison.name: comparison.methods for comparison in comparisons()}
     assert {(m.tracker, m.refinement) for m in found["cameras"]} == {("icgn", "none")}
     assert {(m.cameras, m.refinement) for m in found["trackers"]} == {("two-view", "none")}
-    assert {m.cameras for m in found["cameras"]} == {"two-view", "file", "chessboard", "vggt", "sfm"}
+    assert {m.cameras for m in found["cameras"]} == {"two-view", "file", "chessboard", "vggt", "posediffusion", "sfm"}
     assert {m.tracker for m in found["trackers"]} == {"icgn", "template", "vggt", "tapir", "vggt+icgn"}
 
 
@@ -59,6 +59,10 @@ def test_what_needs_no_weights_can_run(method):
         (ComparedMethod("another", tracker="template", cameras=MONOCULAR.cameras), "cameras: expected one of .*"),
         (ComparedMethod("", tracker="vggt"), ".*(weights fetch vggt-1b`|PyTorch, got none; .*)"),
         (ComparedMethod("", cameras="vggt"), ".*(weights fetch vggt-1b`|PyTorch, got none; .*)"),
+        (
+            ComparedMethod("", cameras="posediffusion"),
+            ".*(weights fetch posediffusion-co3d`|PyTorch, got none; .*)",
+        ),
         (ComparedMethod("", tracker="tapir+icgn"), ".*(weights fetch bootstapir`|PyTorch, got none; .*)"),
     ],
 )
