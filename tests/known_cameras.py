@@ -1,10 +1,10 @@
-"""VGGT that knows the truth, to test what is around the network: resizing, focal lengths, frames, scale, statuses."""
+"""Networks that know the truth, to test what is around them: resizing, focal lengths, frames, scale, statuses."""
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from small_networks import vggt_on_cpu
+from small_networks import posediffusion_on_cpu, vggt_on_cpu
 from vfm_sdm.inputs.session import FirstFrames, Network
 from vfm_sdm.inputs.video.camera_tags import CameraTags
 from vfm_sdm.networks.vggt.pose import encode_pose
@@ -44,6 +44,34 @@ class KnownCameras:
         return self.poses[[next(k for k, p in enumerate(self.pictures) if np.array_equal(p, i)) for i in images]]
 
 
+class KnownGuidedCameras:
+    """In place of `PoseDiffusionInference`: the true cameras of the pictures it is shown, in a world of its own.
+
+    Parameters
+    ----------
+    rig
+        True cameras.
+    pictures
+        Shape (height, width, 3) each; it knows no others.
+    """
+
+    def __init__(self, rig, pictures):
+        self.pictures = pictures
+        self.cam_from_world = np.array([c.cam_from_world for c in rig.cameras])
+        self.cam_from_world[:, :, 3] = self.cam_from_world[:, :, 3] / UNIT_M + self.cam_from_world[:, :, :3] @ _ORIGIN
+        self.cam_from_world[:, :, :3] = self.cam_from_world[:, :, :3] @ _WORLD
+        self.focal_px = np.array([c.K[[0, 1], [0, 1]] for c in rig.cameras])
+        self.guided, self.matches = True, None
+
+    def estimate_poses(self, pictures, matches=()):
+        from vfm_sdm.networks.posediffusion.inference import GuidedPoses
+
+        self.matches = matches
+        chosen = [next(k for k, p in enumerate(self.pictures) if np.array_equal(p, one)) for one in pictures]
+        near = np.ones(sum(len(m.points_first) for m in matches), dtype=bool)
+        return GuidedPoses(self.cam_from_world[chosen], self.focal_px[chosen], near, self.guided)
+
+
 def as_colors(frames):
     """Grey pictures (height, width, 3) of luma by view name."""
     return [np.repeat(frame[..., None], 3, axis=2) for frame in frames.values()]
@@ -80,10 +108,16 @@ def with_pictures(session):
     return session.model_copy(update={"view": tuple(views)})
 
 
-def vggt_cameras(folder, inference=None):
-    """The estimator ``vggt`` with a stand-in, or else with a small network of random weights."""
+def network_cameras(name, folder, inference=None):
+    """The estimator of this name with a stand-in, or else with a small network of random weights."""
     weights = folder / "random.safetensors"
     weights.write_bytes(b"stands for weights")
-    estimator = find_estimator("vggt", network=Network(weights=str(weights), device="cpu"))
-    estimator.__dict__["inference"] = inference or vggt_on_cpu(track=False)
+    estimator = find_estimator(name, network=Network(weights=str(weights), device="cpu"))
+    small = {"vggt": lambda: vggt_on_cpu(track=False), "posediffusion": posediffusion_on_cpu}
+    estimator.__dict__["inference"] = inference or small[name]()
     return estimator
+
+
+def vggt_cameras(folder, inference=None):
+    """`network_cameras` of the name ``vggt``."""
+    return network_cameras("vggt", folder, inference)

@@ -77,6 +77,27 @@ def small_tapir(seed=0):
         return Tapir(config)
 
 
+def small_posediffusion(seed=0):
+    """A `PoseDiffusion` whose weights a seed decides."""
+    torch = pytest.importorskip("torch")
+    from vfm_sdm.networks.posediffusion.config import PoseDiffusionConfig
+    from vfm_sdm.networks.posediffusion.model import PoseDiffusion
+
+    config = PoseDiffusionConfig(
+        width=32, encoder_depth=1, encoder_heads=2, channels=32, depth=1, heads=2, hidden=48, head_hidden=16
+    )
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        return PoseDiffusion(config)
+
+
+def posediffusion_on_cpu(iterations=1, **options):
+    from vfm_sdm.networks.device import choose_placement
+    from vfm_sdm.networks.posediffusion.inference import PoseDiffusionInference
+
+    return PoseDiffusionInference(small_posediffusion(**options), choose_placement("cpu"), iterations=iterations)
+
+
 def vggt_on_cpu(**options):
     from vfm_sdm.networks.device import choose_placement
     from vfm_sdm.networks.vggt.inference import VggtInference

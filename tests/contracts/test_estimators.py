@@ -7,12 +7,22 @@ import numpy as np
 import pytest
 
 from boards import add_noise, board_poses, see_board
-from known_cameras import KnownCameras, Pictures, as_colors, vggt_cameras, with_pictures, write_pictures
+from golden import golden_folder, load_recipe, read_shapes
+from known_cameras import (
+    KnownCameras,
+    KnownGuidedCameras,
+    Pictures,
+    as_colors,
+    network_cameras,
+    with_pictures,
+    write_pictures,
+)
 from rooms import BASELINE_M, SIZE, room_frames, room_rig, room_session
 from vfm_sdm.core.parts import BUILT_IN
+from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import BackendUnavailableError, CameraError
 from vfm_sdm.geometry.camera import CAMERA_PARAMETERS, Rig
-from vfm_sdm.inputs.session import FirstFrames, open_views
+from vfm_sdm.inputs.session import FirstFrames, Network, open_views
 from vfm_sdm.stages.cameras.base import CameraEstimate, find_estimator
 from vfm_sdm.stages.cameras.chessboard.detection import board_points
 from vfm_sdm.stages.cameras.file import write_rig
@@ -29,6 +39,8 @@ PACKAGES = {name: part.needs.packages[0] for name, part in ESTIMATORS.items() if
 PATTERN, SQUARE_M = (9, 6), 0.25
 RESIZED = (518, 392)
 """What VGGT makes of the room's pictures."""
+KNOWN = {"vggt": lambda rig, shown: KnownCameras(rig, shown, [RESIZED] * 2), "posediffusion": KnownGuidedCameras}
+"""Stand-ins that know the room, by estimator."""
 FOCAL_FACTOR = 1.005
 """How much too long the stated focal lengths are: half of their standard deviation."""
 FILE_STD = np.array([1e-3, 0.5, 0.5, 1e-3, *[1e-3] * 3, *[2e-3] * 3])
@@ -92,8 +104,7 @@ def estimator_for(name, folder, room=None):
     """The estimator; a network knows the room where one is given, else it has random weights."""
     if name not in NETWORKS:
         return find_estimator(name)
-    known = None if room is None else KnownCameras(room[0], as_colors(room[1]), [RESIZED] * 2)
-    return vggt_cameras(folder, known)
+    return network_cameras(name, folder, None if room is None else KNOWN[name](room[0], as_colors(room[1])))
 
 
 @pytest.fixture(scope="module")
@@ -247,3 +258,38 @@ def test_a_missing_package_is_one_line_that_says_what_to_do(name, monkeypatch):
     with pytest.raises(BackendUnavailableError, match=r"pip install 'vfm-sdm\[") as caught:
         find_estimator(name)
     assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def recipe_file(tmp_path_factory):
+    """A file of weights of the published size for PoseDiffusion, made by the recipe, wrapped as training leaves it."""
+    torch = pytest.importorskip("torch", reason="PoseDiffusion needs torch")
+    data, file = golden_folder("posediffusion"), tmp_path_factory.mktemp("weights") / "co3d_model1.pth"
+    state = load_recipe(data).state_dict(read_shapes(data / "manifest.json"))
+    torch.save({f"module.{key}": torch.from_numpy(values) for key, values in state.items()}, file)
+    yield file
+    file.unlink()
+
+
+def test_posediffusion_with_recipe_weights_keeps_its_promises(recipe_file, room, folder):
+    """The real network on the room: whatever it answers is complete, named, and the same again."""
+    rig, _ = room
+    session = session_for("posediffusion", folder, rig)
+    found = []
+    for _ in range(2):
+        estimator = find_estimator("posediffusion", network=Network(weights=str(recipe_file), device="cpu"))
+        estimator.inference.iterations = 2
+        found.append(estimator.estimate(session, FirstFrames(open_views(session))))
+    first, second = found
+    assert first.status in ("ok", CameraStatus.CONTRADICTION, CameraStatus.NOT_A_CAMERA, CameraStatus.ONE_PLACE)
+    assert (first.status, first.notes) == (second.status, second.notes)
+    assert estimator.weights_id.startswith("co3d_model1-")
+    assert (first.rig is None) == (first.status in (CameraStatus.NOT_A_CAMERA, CameraStatus.ONE_PLACE))
+    if first.rig is not None:
+        assert first.rig.names == rig.names
+        assert first.rig.baseline() == pytest.approx(BASELINE_M)
+        np.testing.assert_allclose(first.rig.cameras[0].cam_from_world, np.eye(3, 4), atol=1e-12)
+        assert np.isfinite(first.rig.covariance).all()
+        for a, b in zip(first.rig.cameras, second.rig.cameras, strict=True):
+            np.testing.assert_allclose(a.K, b.K, rtol=1e-12)
+            np.testing.assert_allclose(a.cam_from_world, b.cam_from_world, rtol=0, atol=1e-12)

@@ -57,6 +57,7 @@ def test_list_shows_size_licence_and_place(command, server, tmp_path):
         for expected in (one.network, one.size, one.licence, "not here"):
             assert expected in row
     assert "VGGT License v1 (gated)" in out
+    assert "CC-BY-NC-4.0 (by hand)" in out
     assert "not here: vfm-sdm weights fetch NAME" in out
     assert out.splitlines()[0] == f"weights in {tmp_path / 'weights'}"
 

@@ -50,7 +50,8 @@ def fetch(
 
 def _acknowledged(name: str) -> bool:
     """Asks for the licence where a person can answer and has not yet done so."""
-    if is_licence_accepted(name) or local_weights(name).is_file() or not sys.stdin.isatty():
+    by_hand = name in CHECKPOINTS and CHECKPOINTS[name].by_hand
+    if by_hand or is_licence_accepted(name) or local_weights(name).is_file() or not sys.stdin.isatty():
         return False
     one = CHECKPOINTS[name]
     for line in (f"{name}: {one.size} from {one.page}", f"licence: {one.licence}, {one.licence_url}", one.remarks):
@@ -65,7 +66,7 @@ def weights_table() -> Table:
         table.add_column(Text(name), justify="right" if name == "size" else "left")
     for name, one in CHECKPOINTS.items():
         file = local_weights(name)
-        licence = f"{one.licence} (gated)" if one.gated else one.licence
+        licence = one.licence + " (gated)" * one.gated + " (by hand)" * one.by_hand
         table.add_row(name, one.network, one.size, licence, file.name if file.is_file() else "not here")
     table.caption, table.caption_justify = Text("not here: vfm-sdm weights fetch NAME"), "left"
     return table

@@ -162,8 +162,8 @@ _ALL = (
         "https://creativecommons.org/licenses/by-nc/4.0/",
         by_hand=True,
         remarks=(
-            "as posediffusion-co3d, trained on rooms and houses (RealEstate10K) with pictures of 336 px, which only the "
-            "file's name tells; the publisher's name of the file is not known here"
+            "as posediffusion-co3d, trained on rooms and houses (RealEstate10K) with pictures of 336 px, which only "
+            "the file's name tells; the publisher's name of the file is not known here"
         ),
     ),
     Checkpoint(

@@ -123,7 +123,8 @@ def fetch_weights(
     Raises
     ------
     BackendUnavailableError
-        Unknown name, a checkpoint that only a person can fetch, licence not acknowledged, disk full, no network, no access, or a file of another size.
+        Unknown name, a checkpoint that only a person can fetch, licence not acknowledged, disk full, no network, no
+        access, or a file of another size.
     """
     checkpoint = _checkpoint(name)
     target = local_weights(name)

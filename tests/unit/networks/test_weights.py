@@ -311,6 +311,16 @@ def test_a_checkpoint_comes_from_hugging_face(folder, hub):
     assert seen[-1] == ("vggt-1b", len(CONTENT), len(CONTENT))
 
 
+def test_a_checkpoint_that_only_a_person_can_fetch_says_where_and_under_which_name(folder):
+    with pytest.raises(BackendUnavailableError) as error:
+        fetch_weights("posediffusion-co3d", accept_licence=True)
+    said = str(error.value)
+    assert "follow the link on https://github.com/facebookresearch/PoseDiffusion (CC-BY-NC-4.0)" in said
+    assert str(folder / "posediffusion-co3d.pth") in said
+    assert "\n" not in said
+    assert files(folder) == set()
+
+
 def test_the_token_is_passed_on(hub):
     fetch_weights("vggt-1b-commercial", accept_licence=True, token="hf_mine")
     assert set(hub.tokens) == {"Bearer hf_mine"}

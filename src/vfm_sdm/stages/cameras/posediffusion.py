@@ -23,9 +23,7 @@ __all__ = ["PoseDiffusionCameras"]
 _FOCAL_STD, _ROTATION_STD_RAD, _POSITION_STD = 0.1, 0.1, 0.2
 """Standard deviations of its focal length (relative), rotation, and position over the baseline; assumed, not measured,
 and wider than VGGT's."""
-_MIN_BASELINE = (
-    1e-3  # in the network's unit, about the distance of what it sees: less than half a pixel of its pictures
-)
+_MIN_BASELINE = 1e-3  # in the unit of the network, the distance of what it sees: a fifth of a pixel of its pictures
 _ADVICE = "use another camera estimator"
 
 

@@ -480,6 +480,10 @@ FAULTS = {
         {"site": {}, "method": {"cameras": "vggt"}},
         r"site.baseline: expected the measured distance between the cameras, got nothing",
     ),
+    "no baseline for PoseDiffusion": (
+        {"site": {}, "method": {"cameras": "posediffusion"}},
+        r"site.baseline: expected the measured distance between the cameras, got nothing",
+    ),
     "no baseline for structure from motion": (
         {"site": {}, "method": {"cameras": "sfm"}},
         r"site.baseline: expected the measured distance between the cameras, got nothing",
