@@ -179,7 +179,8 @@ class PoseDiffusionInference:
             guide = self._guide(crops, matches)
             poses = self.network.sample(images, noise.to(self.placement.device), guide)[-1]
             near = np.zeros(0, dtype=bool) if guide is None else (guide.errors(poses) < LIMIT_PX2).cpu().numpy()
-            rotation, translation, focal = (part.cpu().double().numpy() for part in decode_pose(poses))
+            # In double precision, or rotations would be none to more than seven digits.
+            rotation, translation, focal = (part.numpy() for part in decode_pose(poses.cpu().double()))
         known = np.where((focal > FOCAL_RANGE[0]) & (focal < FOCAL_RANGE[1]), focal, np.nan)
         sides = np.array([[crop.side] for crop in crops])
         cam_from_world = np.concatenate([rotation, translation[..., None]], axis=2)
