@@ -24,9 +24,7 @@ def make_scene(matches: int) -> tuple[torch.Tensor, ImageMatches]:
     """Pose vectors of two cameras, a little off, and points that both see [px]."""
     rng = np.random.default_rng(0)
     turned = [0.0, 0.1, 0.0]
-    poses = torch.tensor(
-        [[0, 0, 0, 1, 0, 0, 0, -0.6, -0.6], [0.3, 0, 0, 1, *turned, -0.6, -0.6]], dtype=torch.float32
-    )
+    poses = torch.tensor([[0, 0, 0, 1, 0, 0, 0, -0.6, -0.6], [0.3, 0, 0, 1, *turned, -0.6, -0.6]], dtype=torch.float32)
     rotation, translation, focal = decode_pose(poses)
     points = torch.tensor(rng.uniform([-0.2, -0.2, 3], [0.2, 0.2, 5], (matches, 3)), dtype=torch.float32)
     seen = points @ rotation.mT + translation[:, None]
@@ -63,8 +61,8 @@ def main() -> None:
     figures = {
         **{name: round(value, 3) for name, value in seconds.items()},
         "iteration_ms": round(1e3 * guidance / count, 3),
-        "iterations_count": count,
-        "matches_count": wanted.matches,
+        "iterations": count,
+        "matches": wanted.matches,
         "peak_memory_gb": round(peak, 3),
     }
     print(json.dumps(figures))

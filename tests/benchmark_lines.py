@@ -21,6 +21,8 @@ _COUNTS = {
     "workers",
     "chunks",
     "operations",
+    "iterations",
+    "matches",
 }
 
 

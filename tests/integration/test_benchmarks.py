@@ -33,6 +33,7 @@ SMALLEST = {
     "modes": ["--runs", "1", "--seconds", "16"],
     "refinement": ["--rounds", "1", "--frames", "60", "--longest", "1000", "--points", "10"],
     "tracking": ["--frames", "4", "--slow-frames", "3", "--repeats", "1"],
+    "posediffusion": ["--iterations", "1", "--matches", "50"],
     "verdicts": ["--runs", "1", "--seeds", "1", "--faults", "both views drop frames", "a clipped reference"],
     "triangulation": ["--points", "40", "--rounds", "1"],
 }

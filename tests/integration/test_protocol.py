@@ -134,7 +134,7 @@ def test_methods_that_cannot_run_are_listed_with_the_reason(benchmark):
         for comparison in comparisons()
     }
     assert set(reasons["trackers"]) == {"VGGT", "BootsTAPIR", "VGGT + icgn"}
-    assert {"chessboard", "VGGT"} <= set(reasons["cameras"])
+    assert {"chessboard", "VGGT", "PoseDiffusion"} <= set(reasons["cameras"])
     assert all("vfm-sdm weights fetch" in why or "vfm-sdm[vfm]" in why for why in reasons["trackers"].values())
     for name in ("cameras", "trackers"):
         expected = reasons[name]
