@@ -54,9 +54,11 @@ def main() -> None:
     count = GUIDED_STEPS * wanted.iterations * sum(times for _, times in PASSES)
     seconds["guided_2_frames_s"] = seconds["unguided_2_frames_s"] + guidance
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e9
-    print("PoseDiffusion, published size, two frames, one CPU thread" * (torch.get_num_threads() == 1))
+    print(f"PoseDiffusion, published size, two frames, {torch.get_num_threads()} CPU thread(s)")
+    print(f"{'':24} {'time, s':>8}")
     for name, value in seconds.items():
-        print(f"{name:24} {value:8.2f}")
+        print(f"{name.split('_')[0]:24} {value:8.2f}")
+    print(f"{'an iteration':24} {guidance / count:8.4f}")
     print(f"{count} iterations on {wanted.matches} matches, {1e3 * guidance / count:.2f} ms each; peak {peak:.2f} GB")
     figures = {
         **{name: round(value, 3) for name, value in seconds.items()},

@@ -54,6 +54,7 @@ SLOW = {
 }
 NEEDS = {"profiles": "lens_profiles"}
 """Real data without which a script has nothing to do."""
+NEEDS_TORCH = {"posediffusion"}
 ELSEWHERE = {"vggt": "test_benchmark_vggt.py", "vggt_costs": "no script, but what vggt counts with"}
 COLUMN = re.compile(r"(?<=\S)(?:  +|: +)(?=\S)")
 
@@ -85,6 +86,8 @@ def test_a_script_says_how_to_use_it(name, monkeypatch, capsys):
 def test_a_benchmark_prints_a_table_and_its_figures(name, tmp_path, shared_data):
     if name in NEEDS:
         shared_data(NEEDS[name])
+    if name in NEEDS_TORCH:
+        pytest.importorskip("torch")
     command = [sys.executable, str(ROOT / "benchmarks" / f"{script_of(name)}.py"), *SMALLEST[name]]
     done = subprocess.run(
         command, capture_output=True, text=True, cwd=tmp_path, env=os.environ, timeout=600, check=False

@@ -151,6 +151,30 @@ def test_methods_that_cannot_run_are_listed_with_the_reason(benchmark):
         assert benchmark.tables[name].notes == ()
 
 
+@pytest.mark.slow
+def test_posediffusion_runs_where_its_weights_are(benchmark, copy, monkeypatch, tmp_path_factory):
+    """With recipe weights, whose cameras mean nothing: it takes part, and its row says what came of it."""
+    torch = pytest.importorskip("torch", reason="PoseDiffusion needs torch")
+    data, weights = golden_folder("posediffusion"), tmp_path_factory.mktemp("weights")
+    state = load_recipe(data).state_dict(read_shapes(data / "manifest.json"))
+    torch.save({k: torch.from_numpy(v) for k, v in state.items()}, weights / "posediffusion-co3d.pth")
+    monkeypatch.setenv("VFM_SDM_WEIGHTS", str(weights))
+    # Fewer iterations of the guidance, whose number decides its time.
+    monkeypatch.setattr("vfm_sdm.networks.posediffusion.guidance.PASSES", ((slice(0, 9), 1),))
+    wanted = [replace(one, methods=one.methods[:1]) for one in comparisons() if one.name == "cameras"]
+    (method,) = (one for one in comparisons()[2].methods if one.label == "PoseDiffusion")
+    assert why_not(method) is None
+    shown = tuple(replace(one, methods=(*one.methods, method)) for one in wanted)
+    monkeypatch.setattr("vfm_sdm.studies.protocol.benchmark.comparisons", lambda: shown)
+    monkeypatch.setattr("vfm_sdm.studies.protocol.benchmark.save_protocol_figures", lambda *_args: [])
+    again = run_benchmark(copy, names=("data-2",), sensitivity=False)
+    run = again.results["data-2"].runs[method]
+    assert run.cameras is not None or run.status != "ok"
+    notes = again.tables["cameras_against_truth"].notes
+    assert not any("could not run" in note for note in notes)
+    assert run.displacement is not None or any("PoseDiffusion on data-2" in note for note in notes)
+
+
 def test_figures_of_the_methods_are_what_they_must_be_on_an_easy_recording(benchmark):
     means = {against: benchmark.tables[f"refinement_against_{against}"].rows[-2] for against in AGAINST}
     columns = benchmark.tables["refinement_against_truth"].columns
