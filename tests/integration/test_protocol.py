@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from golden import golden_folder, load_recipe, read_shapes
 from vfm_sdm.core.products import Chain
 from vfm_sdm.errors import ResultsError
 from vfm_sdm.studies.protocol import Case, run_benchmark

@@ -174,9 +174,7 @@ def test_weights_of_another_schedule_are_refused(tmp_path):
     state = PoseDiffusion().state_dict()
     state["diffuser.betas"] = 2 * state["diffuser.betas"]
     torch.save(state, tmp_path / "other.pth")
-    with pytest.raises(
-        BackendUnavailableError, match=r"expected the noise schedule of .*, got another betas"
-    ):
+    with pytest.raises(BackendUnavailableError, match=r"expected the noise schedule of .*, got another betas"):
         PoseDiffusionInference.load(str(tmp_path / "other.pth"), device="cpu")
 
 
