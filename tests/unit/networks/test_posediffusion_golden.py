@@ -59,13 +59,15 @@ TOLERANCES = {
 """In single precision."""
 EXACT = {
     "ggs_iter100|ggs_capped_mean_iter100": 1e-2,
-    "chain_ggs_iter5.*": 1e-6,
+    "chain_ggs_iter5": 1e-6,
+    "chain_ggs_iter5_capped_mean": 4e-6,
     "chain_ggs_iter100": 0.2,
     "chain_ggs_iter100_capped_mean": 0.1,
     "ggs_sampson|ggs_F|ggs_loss|ggs_grad_.*": 1e-8,
     ".*": 1e-9,
 }
-"""In double precision; the first that fits. The long guided chain differs between any two that sum in another order."""
+"""In double precision; the first that fits. The mean error of the guided chain, for which the data state none, has four
+times that of the chain, as in single precision. The long guided chain differs between any two that sum in another order."""
 LONG = "ggs_(capped_mean_)?iter100|chain_ggs_iter100.*"
 INPUTS = "pose|images|noise|noise_guided|x|step_noise|ggs_x|kp1|kp2|i12"
 SINGLE, DOUBLE = torch.float32, torch.float64
