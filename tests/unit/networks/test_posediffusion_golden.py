@@ -67,7 +67,7 @@ EXACT = {
     ".*": 1e-9,
 }
 """In double precision; the first that fits. The mean error of the guided chain, for which the data state none, has four
-times that of the chain, as in single precision. The long guided chain differs between any two that sum in another order."""
+times that of the chain, as in single precision. The long guided chain differs between any two that sum otherwise."""
 LONG = "ggs_(capped_mean_)?iter100|chain_ggs_iter100.*"
 INPUTS = "pose|images|noise|noise_guided|x|step_noise|ggs_x|kp1|kp2|i12"
 SINGLE, DOUBLE = torch.float32, torch.float64
