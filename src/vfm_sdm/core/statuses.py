@@ -302,7 +302,7 @@ class PassageStatus(StrEnum):
     TOO_FAST = "too fast"
     """The passage is too short to tell its static part from the structure's oscillation."""
     IN_NOISE = "within noise"
-    """The static part is not clear of it."""
+    """The static part is not clear of it, or less than a tenth of the vibration beside it."""
 
 
 class ModeStatus(StrEnum):
