@@ -201,6 +201,8 @@ class FusionStatus(StrEnum):
     AT_EDGE = "the lag lies outside the search"
     TOO_SHORT = "too short together"
     """Video and sensor have too few samples at the same time."""
+    OTHER_SIZE = "video and sensor differ in size or sign"
+    """By more than a sensor may: other units, or a reversed axis."""
 
 
 class FusedStatus(StrEnum):

@@ -161,7 +161,8 @@ def check_units(path: Path | str, columns: Mapping[str, tuple[list[float], str]]
     for name, unit in units.items():
         if name in columns and columns[name][1] not in ("", unit):
             raise DatasetError(
-                f"{path}: expected {name} in {unit}, got {columns[name][1]}; convert the column and write {name} [{unit}]"
+                f"{path}: expected {name} in {unit}, got {columns[name][1]}; convert the column, and write {name} "
+                f"[{unit}]"
             )
 
 
