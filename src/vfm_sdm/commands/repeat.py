@@ -79,7 +79,7 @@ def _short_names(runs: list[Path]) -> list[str]:
     """Names of the folders; where two are alike, with as much of their paths as tells them apart."""
     parts = [run.resolve().parts for run in runs]
     for depth in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(one[-depth:]) for one in parts]
+        names = [Path(*one[-depth:]).as_posix() for one in parts]
         if len(set(names)) == len(names):
             break
     return names
