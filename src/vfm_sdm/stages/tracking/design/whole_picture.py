@@ -84,6 +84,24 @@ class PictureMotion:
         shift = moved[:, :2] / moved[:, 2:] - self._corners[:, :2]
         return bool(np.linalg.norm(shift, axis=1).max() > _FAR_PX)
 
+    def _match(self, small: Image) -> FloatArray | None:
+        """Homography from the small copy of the reference frame to another one; ``None`` where too few agree."""
+        if self._features is None:
+            self._features = _describe(self._small)
+        (places, words), (others, theirs) = self._features, _describe(small)
+        if min(len(places), len(others)) < _FEWEST:
+            return None
+        pairs = cv2.BFMatcher().knnMatch(words, theirs, k=2)
+        kept = [best for best, second in pairs if best.distance < _RATIO * second.distance]
+        if len(kept) < _FEWEST:
+            return None
+        source = places[[one.queryIdx for one in kept]]
+        target = others[[one.trainIdx for one in kept]]
+        found, inside = cv2.findHomography(source, target, cv2.USAC_MAGSAC, _WITHIN_PX)
+        if found is None or int(inside.sum()) < _FEWEST:
+            return None
+        return np.asarray(found, np.float64)
+
 
 def cut_turned(image: LumaArray, center: IntArray, half: int, homography: FloatArray) -> LumaArray:
     """The window around a pixel of the reference frame, as another frame shows it, turned back.
