@@ -45,6 +45,7 @@ FUSION_FORMS: Mapping[str, str] = {
     "Ergebnis dort falsch",
     "{count:n} lone samples are bridged": "{count} einzeln abweichende Werte sind überbrückt",
     "the first at {time:n} s": "der erste bei {time} s",
+    "check the logger": "den Datenlogger prüfen",
     "the video is {gain:n} times the sensor": "das Video ist das {gain}-fache des Sensors",
     "check the sensor's units and the sign of its column": "Einheiten des Sensors und Vorzeichen seiner Spalte prüfen",
     "do not rely on the intervals": "den Intervallen nicht vertrauen",
