@@ -24,12 +24,12 @@ def true_shapes():
     return shapes
 
 
-def vibrate(duration_s=60.0, *, seed=0, moves=True, static=0):
+def vibrate(duration_s=60.0, *, seed=0, moves=True, static=0, frequency_hz=FREQUENCY_HZ, shapes=None):
     """A displacement dataset; the last ``static`` points stand still."""
     rng = np.random.default_rng(seed)
     count = round(RATE_HZ * duration_s)
     values = NOISE_MM * rng.normal(size=(count, POINTS + static, 3))
-    for hertz, damping, shape in zip(FREQUENCY_HZ, DAMPING, true_shapes(), strict=True):
+    for hertz, damping, shape in zip(frequency_hz, DAMPING, true_shapes() if shapes is None else shapes, strict=True):
         angular = 2 * np.pi * hertz
         pole = np.exp(angular * (-damping + 1j * np.sqrt(1 - damping**2)) / RATE_HZ)
         force = np.sqrt(1 - abs(pole) ** 2) * (rng.normal(size=count) + 1j * rng.normal(size=count))

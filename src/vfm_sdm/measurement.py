@@ -138,7 +138,7 @@ class Measurement(RecordedChain):
     )
     def points(self, session: Session) -> xr.Dataset:
         """Pixels of every point in every view, in its first frame or in the one in which it is named."""
-        return add_grids(session, self.cameras, self.frames)
+        return add_grids(session, self.cameras, self.frames if session.grid else {})
 
     @product(
         reads=("point.name", "point.view", "point.pixel", "point.pixel_in"),

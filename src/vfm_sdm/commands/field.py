@@ -131,10 +131,12 @@ def _say_points(field: xr.Dataset, axis: str) -> None:
         if why and why != NOT_OF_STRUCTURE
     }
     one = field.sel(axis=axis)
+    shared = 100 * float(one["correlated_share"])
+    alike = f"; {shared:.0f} % of that is alike within {float(one['correlation_length']):.2f} m" if shared >= 1 else ""
+    say(f"points: {int(one['used'].sum())} used, {len(reasons)} left out along one axis or all")
     say(
-        f"points: {int(one['used'].sum())} used, {len(reasons)} left out along one axis or all; each to "
-        f"{float(one['point_std']):.3f} mm and {100 * float(one['gain_scatter']):.1f} % of the motion; "
-        f"{100 * float(one['correlated_share']):.0f} % of that is alike within {float(one['correlation_length']):.2f} m"
+        f"a single point errs by {float(one['point_std']):.3f} mm and "
+        f"{100 * float(one['gain_scatter']):.1f} % of its motion (standard deviation){alike}"
     )
     by_reason: dict[str, list[str]] = {}
     for name, why in reasons.items():

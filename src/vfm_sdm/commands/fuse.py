@@ -23,6 +23,8 @@ from vfm_sdm.stages.synchronize import LagSearch
 
 __all__ = ["fuse_command"]
 
+_COVERAGE = 1.96
+
 
 def fuse_command(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
@@ -65,8 +67,8 @@ def _tabulate(fused: xr.Dataset) -> Table:
     """What was found of sensor and video along every axis."""
     low, high = fused.attrs["band_hz"]
     title = (
-        f"{fused.attrs['point']} with {fused.attrs['sensor']}: {low:g} to {high:.0f} Hz at "
-        f"{fused.attrs['sampling_rate_hz']:.0f} Hz"
+        f"{fused.attrs['point']} with {fused.attrs['sensor']}: {low:g} to {high:.0f} Hz, "
+        f"{fused.attrs['sampling_rate_hz']:.0f} values a second; +- 95 %"
     )
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     axes = [str(axis) for axis in fused["axis"].values]
@@ -83,7 +85,7 @@ def _tabulate(fused: xr.Dataset) -> Table:
     for words, name, std, factor, form in rows:
         cells = [number_text(float(fused[name].sel(axis=axis)), form, factor) for axis in axes]
         if std is not None:
-            spreads = [number_text(float(fused[std].sel(axis=axis)), form, factor) for axis in axes]
+            spreads = [number_text(float(fused[std].sel(axis=axis)), form, factor * _COVERAGE) for axis in axes]
             cells = [f"{cell} +- {spread}" for cell, spread in zip(cells, spreads, strict=True)]
         table.add_row(Text(words), *cells)
     for words, chosen in (("noise, fused [mm]", 0), ("noise, bridged [mm]", 1)):

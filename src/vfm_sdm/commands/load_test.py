@@ -87,7 +87,7 @@ def _tabulate(result: xr.Dataset) -> list[Table]:
         names,
         (
             "largest mm",
-            "rest mm",
+            "residual mm",
             "share %",
             "from",
             "to",

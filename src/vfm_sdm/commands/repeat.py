@@ -21,6 +21,15 @@ from vfm_sdm.outputs.plots.repeatability import draw_repeatability
 
 __all__ = ["repeat"]
 
+_NAME_ROOM = 12
+"""Letters of a name: eight columns of numbers leave no more of 80."""
+_COLUMNS = (
+    *(f"repeatability{end}" for end in ("", "_low", "_high")),
+    "between",
+    *(f"reproducibility{end}" for end in ("", "_low", "_high")),
+    "stated_std",
+)
+
 
 def repeat(
     runs: Annotated[list[Path], Parameter(help="Run folders of the same films.")],
@@ -79,7 +88,7 @@ def _short_names(runs: list[Path]) -> list[str]:
     """Names of the folders; where two are alike, with as much of their paths as tells them apart."""
     parts = [run.resolve().parts for run in runs]
     for depth in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(one[-depth:]) for one in parts]
+        names = [Path(*one[-depth:]).as_posix() for one in parts]
         if len(set(names)) == len(names):
             break
     return names
@@ -110,28 +119,18 @@ def _tabulate(result: xr.Dataset, quantity: str) -> Table:
     names = [str(name) for name in result["point"].values]
     table = Table(
         title=Text(f"Standard deviation of {quantity} [mm], interval of 95 %"), title_justify="left",
-        box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False,
+        box=box.SIMPLE_HEAD, padding=0, show_edge=False,
     )  # fmt: skip
-    add_name_column(table, "point", names)
-    table.add_column("axis")
-    for column in ("one person", "interval", "between", "all", "interval", "stated"):
-        table.add_column(column, justify="right")
+    add_name_column(table, "point", names, room=_NAME_ROOM)
+    table.add_column("axis", no_wrap=True)
+    for column in ("one person", "from", "to", "between", "all", "from", "to", "stated"):
+        table.add_column(column, justify="right", no_wrap=column != "one person")
     for name in names[: shown_rows(len(names))]:
         for number, axis in enumerate(result["axis"].values):
             one = result.sel(point=name, axis=axis)
             table.add_row(
                 name if number == 0 else "",
                 str(axis),
-                number_text(float(one["repeatability"]), "{:.3f}"),
-                _interval(one, "repeatability"),
-                number_text(float(one["between"]), "{:.3f}"),
-                number_text(float(one["reproducibility"]), "{:.3f}"),
-                _interval(one, "reproducibility"),
-                number_text(float(one["stated_std"]), "{:.3f}"),
+                *(number_text(float(one[key]), "{:.3f}") for key in _COLUMNS),
             )
     return say_rest(table, len(names), "repeatability.csv")
-
-
-def _interval(one: xr.Dataset, name: str) -> str:
-    low, high = (float(one[f"{name}_{end}"]) for end in ("low", "high"))
-    return f"{low:.3f}-{high:.3f}" if np.isfinite(low) else "-"

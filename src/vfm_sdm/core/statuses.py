@@ -201,6 +201,8 @@ class FusionStatus(StrEnum):
     AT_EDGE = "the lag lies outside the search"
     TOO_SHORT = "too short together"
     """Video and sensor have too few samples at the same time."""
+    OTHER_SIZE = "video and sensor differ in size or sign"
+    """By more than a sensor may: other units, or a reversed axis."""
 
 
 class FusedStatus(StrEnum):
@@ -302,7 +304,7 @@ class PassageStatus(StrEnum):
     TOO_FAST = "too fast"
     """The passage is too short to tell its static part from the structure's oscillation."""
     IN_NOISE = "within noise"
-    """The static part is not clear of it."""
+    """The static part is not clear of it, or less than a tenth of the vibration beside it."""
 
 
 class ModeStatus(StrEnum):

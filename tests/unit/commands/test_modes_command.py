@@ -78,6 +78,7 @@ def test_the_report_has_settings_and_figures(run, code, words):
     modes = read_modes(run)
     inputs = ReportInputs.__new__(ReportInputs)
     object.__setattr__(inputs, "modes", modes)
+    object.__setattr__(inputs, "displacement", modes)
     section = describe_modes(inputs, find_language(code))
     kinds = [block.kind for block in section.blocks]
     assert kinds.count("figure") == 2

@@ -154,6 +154,8 @@ class Fused:
         Root mean square of what each value of the video is off the prediction from those before [mm].
     innovation_ratio
         The same in the standard deviations that the filter expects [1].
+    worst_innovation, worst_s
+        The largest one in these [1], and when [s].
     video_std_mm
         Standard deviation of a value of the video alone, slow error included [mm].
     slow_std_mm
@@ -176,6 +178,8 @@ class Fused:
     levels: Levels
     innovation_rms_mm: float
     innovation_ratio: float
+    worst_innovation: float
+    worst_s: float
     video_std_mm: float
     slow_std_mm: float
     exposure_s: float
@@ -350,6 +354,7 @@ def _smooth(pair: _Pair, now: Alignment, gains: FloatArray, posterior: Posterior
     stds = np.sqrt(np.diag(covariance))
     ratio = innovations / expected
     settled = slice(len(ratio) // 10, None)
+    worst = len(ratio) // 10 + int(np.argmax(np.nan_to_num(np.abs(ratio[settled]))))
     return Fused(
         clock[places],
         places,
@@ -363,6 +368,8 @@ def _smooth(pair: _Pair, now: Alignment, gains: FloatArray, posterior: Posterior
         best,
         float(np.sqrt(np.nanmean(innovations[settled] ** 2))),
         float(np.sqrt(np.nanmean(ratio[settled] ** 2))),
+        float(abs(ratio[worst])),
+        float(times[worst]),
         nodes.std_mm * best.video_factor * float(np.hypot(1.0, best.slow_factor)),
         nodes.std_mm * best.video_factor * best.slow_factor,
         video.interval_s * best.exposure_share,

@@ -15,6 +15,7 @@ from vfm_sdm.core.sensor_datasets import check_acceleration
 from vfm_sdm.core.statuses import ClockStatus, FusionStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
+from vfm_sdm.inputs.sensors.outliers import find_lone
 from vfm_sdm.inputs.sensors.readings import find_readings, name_defects
 from vfm_sdm.stages.synchronize import LagSearch, Synchronization
 from vfm_sdm.stages.synchronize.dataset_lags import estimate_sensor_lag
@@ -29,9 +30,14 @@ _SAMPLES_OF_FASTEST = 4.0
 _FILLED = 1.5
 """Intervals of the sensor's clock up to which missing samples are filled."""
 _MM_PER_M = 1e3
+_MOST_OFF = 4.0
+"""Standard deviations of a sensor's sensitivity beyond which its axis is another one, or in other units."""
 _NO_STATIC = (
     "no static point shows how the video errs slowly: 0.3 of its scatter is assumed, within a factor of two; add "
     "a point that must not move"
+)
+_LEFT_OUT = (
+    "{axis}: left out; the video is {gain:.2f} times the sensor; check the sensor's units and the sign of its column"
 )
 _FAILURES = {
     ClockStatus.NOT_UNIQUE: FusionStatus.AMBIGUOUS,
@@ -121,9 +127,11 @@ def fuse(
     chosen = _choose_axes(displacement, acceleration, point, axes)
     sensor = str(acceleration["sensor"].values[0])
     rate_hz = float(acceleration.attrs["sampling_rate_hz"])
+    acceleration, notes = _replace_lone(acceleration)
     codes, filled, known = find_readings(acceleration, longest_gap_s=_FILLED / rate_hz)
     sensed = [str(name) for name in acceleration["axis"].values]
     notes = [
+        *notes,
         *acceleration.attrs.get("notes", ()),
         *name_defects(codes, acceleration["time"].values, [sensor], sensed),
     ]
@@ -146,9 +154,31 @@ def fuse(
     found: dict[str, Fused] = {}
     # The axis that moves most tells the clock best; the others begin with what it found.
     for axis in sorted(seen, key=lambda one: -_strength(seen[one])):
-        found[axis] = fuse_along(record, seen[axis], axis, alignment, errors)
-        alignment = replace(found[axis].alignment, gain_std=alignment.gain_std, cross_std=alignment.cross_std)
-    return describe_fusion(displacement.sel(point=point), {axis: found[axis] for axis in seen}, record, sensor, notes)
+        one = fuse_along(record, seen[axis], axis, alignment, errors)
+        gain = float(one.gains[one.own])
+        if gain < 0 or abs(gain - 1) > _MOST_OFF * settings.gain_std:
+            notes.append(_LEFT_OUT.format(axis=axis, gain=gain))
+            continue
+        found[axis] = one
+        alignment = replace(one.alignment, gain_std=alignment.gain_std, cross_std=alignment.cross_std)
+    if not found:
+        return fail_fusion(point, sensor, chosen, FusionStatus.OTHER_SIZE, notes)
+    in_order = {axis: found[axis] for axis in seen if axis in found}
+    return describe_fusion(displacement.sel(point=point), in_order, record, sensor, notes)
+
+
+def _replace_lone(acceleration: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
+    """The acceleration with lone wrong samples as those beside them have it, and a note on each axis that has any."""
+    values, time_s = acceleration["acceleration"].values.copy(), acceleration["time"].values
+    notes = []
+    for a, axis in enumerate(acceleration["axis"].values):
+        lone = find_lone(values[:, 0, a])
+        if not lone.any():
+            continue
+        values[lone, 0, a] = np.interp(time_s[lone], time_s[~lone], values[~lone, 0, a])
+        first = time_s[lone][0]
+        notes.append(f"{axis}: {lone.sum()} lone samples are bridged, the first at {first:.6g} s; check the logger")
+    return acceleration.assign(acceleration=acceleration["acceleration"].copy(data=values)), notes
 
 
 def _choose_axes(displacement: xr.Dataset, acceleration: xr.Dataset, point: str, axes: Sequence[str]) -> list[str]:

@@ -22,6 +22,8 @@ _BAND_SHARE = 0.4
 _LARGE_FACTOR = 2.0
 _LARGE_RATIO = 1.3
 _DISAGREE_STD = 3.0
+_JUMP = 7.0
+"""Of normal errors one in 10^11 is larger."""
 
 
 def describe_fusion(
@@ -173,6 +175,11 @@ def _list_notes(axis: str, one: Fused, of_point: xr.Dataset) -> list[str]:
         notes.append(
             f"{axis}: the video is off what the sensor predicts by {one.innovation_ratio:.1f} times what both explain; "
             "do not rely on the intervals"
+        )
+    if one.worst_innovation > _JUMP:
+        notes.append(
+            f"{axis}: at {one.worst_s:.2f} s the video is off what the sensor predicts by {one.worst_innovation:.0f} "
+            "times what both explain; one of them jumped there and the result is wrong about it"
         )
     gain, std = (values[one.own] for values in (one.gains, one.gain_stds))
     spread = float(np.hypot(std, float(of_point["scale_std"].sel(axis=axis))))

@@ -35,7 +35,10 @@ def read_session_acceleration(session: Session, name: str) -> tuple[xr.Dataset, 
     named = {sensor.name: sensor for sensor in session.sensor}
     if name not in named:
         known = ", ".join(named) or "there is none"
-        raise SessionError(f"sensor: expected one of the session's ({known}), got {name!r}; add a [[sensor]] of it")
+        raise SessionError(
+            f"sensor: expected one of the session's ({known}), got {name!r}; add a [[sensor]] of it to a "
+            "session, and name that with --session"
+        )
     sensor = named[name]
     if sensor.point is None:
         raise SessionError(

@@ -35,6 +35,8 @@ _STATIONS = 101
 _COVERAGE = (0.025, 0.975)
 _CLEAR = 5.0
 """Multiples of its standard deviation that a static deflection must have to be compared with."""
+_LEAST_STATIC = 0.1
+"""Share of the largest displacement that it must have: of less, what the filter leaves of a vibration is a part."""
 
 
 _FIGURES = {
@@ -101,7 +103,8 @@ def judge_passages(
     Raises
     ------
     DatasetError
-        A passage lies outside the recording.
+        A passage lies outside the recording, the frequency is not above 0, or there are axles and no passage
+        whose speed is stated, or one whose way is shorter than the vehicle.
 
     Notes
     -----
@@ -127,6 +130,7 @@ def judge_passages(
             f"passages: expected them within the recording, {time_s[0]:.1f} to {time_s[-1]:.1f} s, got {first:.1f} to "
             f"{last:.1f} s; correct begin_s and end_s"
         )
+    _check_given(passages, frequency_hz, axles)
     answers: dict[tuple[int, int, int], _Answer] = {}
     trusted = data["displacement"].where(data["status"] == Status.OK).transpose("point", "axis", "time").values
     frequencies = [[dominant_frequency(time_s, series) for series in of_point] for of_point in trusted]
@@ -150,6 +154,27 @@ def judge_passages(
         frequency="found" if frequency_hz is None else "given",
         displacement_key=str(data.attrs.get("key", "")),
     )
+
+
+def _check_given(passages: Sequence[Passage], frequency_hz: float | None, axles: Sequence[Axle]) -> None:
+    """Refuses what is stated of structure and vehicle and cannot be."""
+    if frequency_hz is not None and not 0 < frequency_hz < np.inf:
+        raise DatasetError(
+            f"frequency: expected that of the structure, above 0 Hz, got {frequency_hz:g}; correct it, or leave it out "
+            "to have it found"
+        )
+    if not axles:
+        return
+    ways = [way for one in passages if np.isfinite(way := one.speed_m_s * (one.end_s - one.begin_s))]
+    if not ways:
+        raise DatasetError(
+            "axles: expected passages whose speed is stated, got none; add a column speed [km/h], or leave axles out"
+        )
+    if min(ways) <= axles[-1].behind_m:
+        raise DatasetError(
+            f"axles: expected a vehicle that is shorter than its way, {min(ways):.4g} m at that speed in that time, "
+            f"got {axles[-1].behind_m:g} m; correct axles, speed or times"
+        )
 
 
 def _assemble(
@@ -265,7 +290,7 @@ def _judge(
     inside = time_s[(time_s >= passage.begin_s) & (time_s <= passage.end_s)]
     stations = np.linspace(passage.begin_s, passage.end_s, _STATIONS)
     curves = np.array([np.interp(stations, inside, draw) for draw in static.T])
-    if not abs(best[1]) > _CLEAR * std[1]:
+    if not abs(best[1]) > max(_CLEAR * std[1], _LEAST_STATIC * abs(best[0])):
         return _Answer(PassageStatus.IN_NOISE, figures, curves)
     slow = (1 / (2 * frequency_hz * (passage.end_s - passage.begin_s))) ** 2
     ratios = (best[0] - spread[0]) / (best[1] - spread[1]) / (1 - slow * rng.uniform(0, 2, spread.shape[1]))

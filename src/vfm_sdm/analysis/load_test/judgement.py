@@ -45,10 +45,22 @@ class Limits:
         Largest measured deflection over the calculated one [1].
     residual
         Largest share of the largest deflection that may remain after unloading [1].
+
+    Raises
+    ------
+    DatasetError
+        A limit is not above 0.
     """
 
     ratio: float = 1.0
     residual: float = 0.15
+
+    def __post_init__(self) -> None:
+        for name in ("ratio", "residual"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise DatasetError(
+                    f"load test: expected a limit of the {name} above 0, got {getattr(self, name):g}; correct it"
+                )
 
 
 def judge_load_test(displacement: xr.Dataset, plan: LoadPlan, limits: Limits = Limits()) -> xr.Dataset:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vfm_sdm.analysis.load_test.steps import read_columns
+from vfm_sdm.analysis.load_test.steps import check_units, read_columns
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["Axle", "Passage", "read_axles", "read_passages"]
@@ -76,6 +76,7 @@ def read_passages(path: Path | str) -> tuple[Passage, ...]:
     if lacking:
         known = ", ".join(columns)
         raise DatasetError(f"{path}: expected columns begin_s and end_s, got {known}; name the columns so")
+    check_units(path, columns, {"begin_s": "s", "end_s": "s"})
     begin, end = (np.asarray(columns[name][0]) for name in ("begin_s", "end_s"))
     speed = np.full(len(begin), np.nan)
     if "speed" in columns:

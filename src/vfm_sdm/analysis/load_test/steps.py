@@ -12,7 +12,7 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.sensors.dialect import Table, read_table
 from vfm_sdm.inputs.sensors.numbers import parse_numbers
 
-__all__ = ["LoadPlan", "LoadStep", "read_columns", "read_steps"]
+__all__ = ["LoadPlan", "LoadStep", "check_units", "read_columns", "read_steps"]
 
 _OWN = ("step", "load", "begin_s", "end_s")
 _NAMES = {*_OWN, "passage", "speed"}
@@ -74,7 +74,7 @@ def read_steps(path: Path | str) -> LoadPlan:
     Raises
     ------
     DatasetError
-        The file is no such table, fewer than two steps are in it, or their times overlap.
+        The file is no such table, a unit is another one, fewer than two steps are in it, or their times overlap.
 
     Examples
     --------
@@ -92,10 +92,17 @@ def read_steps(path: Path | str) -> LoadPlan:
     if ("begin_s" in columns) != ("end_s" in columns):
         raise DatasetError(f"{path}: expected both begin_s and end_s, or none of them, got one; add the other one")
     load, unit = columns["load"]
+    check_units(path, columns, {"begin_s": "s", "end_s": "s"})
     begin, end = (columns[name][0] if name in columns else None for name in ("begin_s", "end_s"))
-    calculated = {
-        _point_and_axis(path, name): values for name, (values, _) in columns.items() if name.casefold() not in _OWN
-    }
+    calculated = {}
+    for name, (values, _) in columns.items():
+        if name in _OWN:
+            continue
+        check_units(path, columns, {name: "mm"})
+        key = _point_and_axis(path, name)
+        if key in calculated:
+            raise DatasetError(f"{path}: expected each column once, got several {' '.join(key)}; keep one of them")
+        calculated[key] = values
     _check(path, load, begin, end)
     steps = tuple(
         LoadStep(
@@ -120,16 +127,43 @@ def read_columns(path: Path | str) -> dict[str, tuple[list[float], str]]:
     Raises
     ------
     DatasetError
-        The file is no table of numbers.
+        The file is no table of numbers, or has a column twice.
     """
     table = read_table(path, fewest=1)
-    columns = {}
+    columns: dict[str, tuple[list[float], str]] = {}
     for number, heading in enumerate(table.names):
         found = _UNIT.match(heading)
         name = (heading if found is None else found["name"]).strip()
         name = name.casefold() if name.casefold() in _NAMES else name
+        if name in columns:
+            raise DatasetError(f"{path}: expected each column once, got several {name}; keep one of them")
         columns[name] = _numbers(table, number), "" if found is None else found["unit"].strip()
     return columns
+
+
+def check_units(path: Path | str, columns: Mapping[str, tuple[list[float], str]], units: Mapping[str, str]) -> None:
+    """Refuses columns in another unit than theirs; one that states none has its own.
+
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        Of `read_columns`.
+    units
+        Unit of each column that must be in one.
+
+    Raises
+    ------
+    DatasetError
+        A column is in another unit.
+    """
+    for name, unit in units.items():
+        if name in columns and columns[name][1] not in ("", unit):
+            raise DatasetError(
+                f"{path}: expected {name} in {unit}, got {columns[name][1]}; convert the column, and write {name} "
+                f"[{unit}]"
+            )
 
 
 def _numbers(table: Table, column: int) -> list[float]:

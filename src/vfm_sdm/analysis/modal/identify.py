@@ -22,6 +22,8 @@ _LEAST_SUPPORT = 10.0
 """Logarithm of how much more probable a record must be with a mode than without it."""
 _ONE_MODE = ((0.8, 0.15), (0.9, 0.4))
 """Shapes as alike (MAC), at frequencies as near (relative), are the same mode seen twice."""
+_ALIKE = 0.5
+"""Shapes less alike than this (MAC) are taken out of each other's series, wherever they vibrate."""
 _WIDTHS, _FEWEST_LINES, _MOST_LINES = 8.0, 16.0, 250.0
 """Band about a mode: half-widths of its peak, and lines of the record at least and at most."""
 _DRIVEN = 0.002
@@ -106,7 +108,7 @@ def identify_modes(
     left_out: list[tuple[float, str]] = []
     chosen = _drop_twins(white, find_clusters(poles, channels.band_hz), channels, left_out)
     while chosen:
-        series = _modal_coordinates(white, chosen)
+        series = _modal_coordinates(white, chosen, channels)
         support = [_support(series, chosen, number, channels) for number in range(len(chosen))]
         weakest = int(np.argmin(support))
         if support[weakest] >= _LEAST_SUPPORT and len(chosen) <= options.most_modes:
@@ -130,7 +132,7 @@ def _drop_twins(
     white: FloatArray, clusters: Sequence[Cluster], channels: Channels, left_out: list[tuple[float, str]]
 ) -> list[Cluster]:
     """Clusters of which no two are the same mode: of a peak that was split in two, the better supported half stays."""
-    alone = [_support(_modal_coordinates(white, [one]), [one], 0, channels) for one in clusters]
+    alone = [_support(_modal_coordinates(white, [one], channels), [one], 0, channels) for one in clusters]
     kept: list[Cluster] = []
     for index in np.argsort(alone)[::-1]:
         one = clusters[int(index)]
@@ -149,10 +151,24 @@ def _is_twin(one: Cluster, other: Cluster, channels: Channels) -> bool:
     )
 
 
-def _modal_coordinates(white: FloatArray, clusters: Sequence[Cluster]) -> FloatArray:
-    """The record projected on each shape with all others taken out, shape (T, M)."""
+def _modal_coordinates(white: FloatArray, clusters: Sequence[Cluster], channels: Channels) -> FloatArray:
+    """The record projected on each shape with all others taken out, shape (T, M).
+
+    What vibrates outside the band that tells of a mode does not disturb it; taking out a shape like its own would only
+    leave noise.
+    """
     shapes = np.stack([cluster.shape.real for cluster in clusters], axis=1)
-    return np.asarray(white @ np.linalg.pinv(shapes).T)
+    alike = compute_mac(shapes.T.astype(complex), shapes.T.astype(complex))
+    series = np.empty((len(white), len(clusters)))
+    for number in range(len(clusters)):
+        low, high = _band_of(clusters, number, channels)
+        taken = [
+            other
+            for other, cluster in enumerate(clusters)
+            if other == number or alike[number, other] < _ALIKE or low <= cluster.frequency_hz <= high
+        ]
+        series[:, number] = white @ np.linalg.pinv(shapes[:, taken])[taken.index(number)]
+    return series
 
 
 def _support(series: FloatArray, clusters: Sequence[Cluster], number: int, channels: Channels) -> float:
@@ -193,7 +209,7 @@ def _band_of(clusters: Sequence[Cluster], number: int, channels: Channels) -> tu
 
 def _judge(one: Oscillation) -> ModeStatus:
     frequency, damping = one.frequency_hz, one.damping_ratio
-    if frequency.high - frequency.low > 2 * _WIDEST * frequency.value:
+    if not one.inside or frequency.high - frequency.low > 2 * _WIDEST * frequency.value:
         return ModeStatus.FREQUENCY_UNKNOWN
     if damping.high < _DRIVEN:
         return ModeStatus.DRIVEN

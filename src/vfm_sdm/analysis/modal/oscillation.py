@@ -15,6 +15,8 @@ _NOISE = (1e-3, 1e9)
 """Power of noise that is looked for, over that of the force at one sample [1]."""
 _ROUNDS = ((25, 25, 16), (25, 25, 8), (49, 49, 8))
 """Frequencies, damping ratios and powers of noise of the grids, each of which lies where the one before had weight."""
+_MOVES = 6
+"""How often the first grid may follow the posterior beyond its ends."""
 _WEIGHT = 1e-5
 """Posterior density, over the largest, below which a grid ends."""
 _FREQUENCY_TAILS, _DAMPING_TAILS = (0.02, 0.5, 0.98), (0.025, 0.5, 0.975)
@@ -53,11 +55,14 @@ class Oscillation:
         Share of critical damping [1].
     support
         Logarithm of how much more probable the series is with the mode than as noise alone.
+    inside
+        Whether the most probable frequency lies inside the band that was looked at: else it is another one's flank.
     """
 
     frequency_hz: Spread
     damping_ratio: Spread
     support: float
+    inside: bool
 
 
 def estimate_oscillation(
@@ -100,20 +105,32 @@ def estimate_oscillation(
     lines, coefficients = _coefficients(series, interval_s, band_hz)
     duration_s = interval_s * len(series)
     span = max(1.0 / duration_s, 6 * np.sqrt(max(damping_ratio, 1e-3) * frequency_hz / (2 * np.pi * duration_s)))
-    edges = (max(frequency_hz - span, band_hz[0]), min(frequency_hz + span, band_hz[1]))
-    bounds = [edges, (_LEAST_DAMPING, _MOST_DAMPING), _NOISE]
-    for sizes in _ROUNDS:
-        frequency = np.linspace(*bounds[0], sizes[0])
-        damping, noise = (np.geomspace(*edges, size) for edges, size in zip(bounds[1:], sizes[1:], strict=True))
-        logs = _log_likelihood(lines, coefficients, interval_s, (frequency, damping, noise), len(series))
+    bounds = [_clip(frequency_hz, span, band_hz), (_LEAST_DAMPING, _MOST_DAMPING), _NOISE]
+
+    def look(sizes: tuple[int, int, int]) -> tuple[list[FloatArray], FloatArray, list[FloatArray]]:
+        values = [np.linspace(*bounds[0], sizes[0])]
+        values += [np.geomspace(*ends, size) for ends, size in zip(bounds[1:], sizes[1:], strict=True)]
+        logs = _log_likelihood(lines, coefficients, interval_s, (values[0], values[1], values[2]), len(series))
         weight = np.exp(logs - logs.max())
-        weights = [weight.sum(axis=(1, 2)), weight.sum(axis=(0, 2)), weight.sum(axis=(0, 1))]
-        bounds = [_where(values, one) for values, one in zip((frequency, damping, noise), weights, strict=True)]
+        return values, logs, [weight.sum(axis=(1, 2)), weight.sum(axis=(0, 2)), weight.sum(axis=(0, 1))]
+
+    for _ in range(_MOVES):
+        values, logs, weights = look(_ROUNDS[0])
+        most = float(values[0][weights[0].argmax()])
+        inside = most not in bounds[0]
+        if inside or most in band_hz:
+            break
+        # The peak lies beyond: poles of high orders begin beside it.
+        bounds[0] = _clip(most, span, band_hz)
+    for sizes in _ROUNDS[1:]:
+        bounds = [_where(one, weight) for one, weight in zip(values, weights, strict=True)]
+        values, logs, weights = look(sizes)
     alone = -len(lines) * np.log(np.sum(np.abs(coefficients) ** 2))
     return Oscillation(
-        _spread(frequency, weights[0], _FREQUENCY_TAILS),
-        _spread(damping, weights[1], _DAMPING_TAILS, geometric=True),
+        _spread(values[0], weights[0], _FREQUENCY_TAILS),
+        _spread(values[1], weights[1], _DAMPING_TAILS, geometric=True),
         float(logs.max() - alone),
+        inside,
     )
 
 
@@ -187,6 +204,10 @@ def _blocks(poles: ComplexArray, each: int) -> Iterator[tuple[slice, ComplexArra
     flat = poles.ravel()
     size = max(1, 30_000 // each)
     return ((slice(first, first + size), flat[first : first + size]) for first in range(0, flat.size, size))
+
+
+def _clip(middle: float, span: float, band: tuple[float, float]) -> tuple[float, float]:
+    return max(middle - span, band[0]), min(middle + span, band[1])
 
 
 def _where(values: FloatArray, weight: FloatArray) -> tuple[float, float]:

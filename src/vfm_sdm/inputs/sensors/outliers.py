@@ -5,10 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from vfm_sdm.core.arrays import BoolArray, FloatArray
+from vfm_sdm.core.arrays import MAD_TO_STD, BoolArray, FloatArray
 from vfm_sdm.signals.filters import band_pass, hampel
 
-__all__ = ["HampelUse", "OutlierRules", "Outliers", "find_worth", "treat_outliers"]
+__all__ = ["HampelUse", "OutlierRules", "Outliers", "find_lone", "find_worth", "treat_outliers"]
 
 HampelUse = Literal["auto", "on", "off"]
 
@@ -19,6 +19,9 @@ is: an axis that holds little else is not worth a word below three times that.""
 _ALONE = 0.3
 """How far the neighbours of a lone wrong sample may be off, as a share of it. What a sensor with a filter against
 aliasing felt is spread over several samples: a Ricker pulse of a tenth of the sampling rate has 0.7 beside its peak."""
+
+_LONE, _BLOCK = 12.0, 64
+"""Scaled median absolute deviations beyond which a lone sample is surely wrong, and samples of which these are."""
 
 
 @dataclass(frozen=True)
@@ -151,3 +154,36 @@ def _find_alone(values: FloatArray, cut: FloatArray, found: BoolArray) -> BoolAr
         beside = values[[n for n in (at - 1, at + 1) if 0 <= n < len(values)]] - (values[at] - cut[at])
         alone[at] = bool(np.all(np.abs(beside) < _ALONE * abs(cut[at])))
     return alone
+
+
+def find_lone(values: FloatArray) -> BoolArray:
+    """Samples that are surely faults: far from all beside them, which know nothing of them.
+
+    Parameters
+    ----------
+    values
+        Any unit, shape (T,), evenly sampled; NaN where there is no value.
+
+    Examples
+    --------
+    >>> series = np.sin(np.arange(1000) / 5)
+    >>> series[300] += 20
+    >>> np.flatnonzero(find_lone(series)).tolist()
+    [300]
+    """
+    count = len(values)
+    lone = np.zeros(count, dtype=bool)
+    if count < 2 * _BLOCK:
+        return lone
+    beside = np.stack([values[:-4], values[1:-3], values[3:-1], values[4:]])
+    middle = np.median(beside, axis=0)
+    off = np.abs(values[2:-2] - middle)
+    known = np.where(np.isfinite(off), off, 0.0)
+    blocks = len(known) // _BLOCK
+    spread = np.median(known[: blocks * _BLOCK].reshape(blocks, _BLOCK), axis=1)
+    # Where motion begins in the midst of a block, the next one knows its size.
+    wide = np.maximum(spread, np.maximum(np.append(spread[1:], 0.0), np.append(0.0, spread[:-1])))
+    around = np.maximum(wide[np.minimum(np.arange(len(known)) // _BLOCK, blocks - 1)], np.median(known))
+    near = np.abs(beside[1:3] - middle).max(axis=0)
+    lone[2:-2] = (off > _LONE * MAD_TO_STD * around) & (near < _ALONE * off)
+    return lone

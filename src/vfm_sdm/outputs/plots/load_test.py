@@ -101,7 +101,7 @@ def draw_passages(displacement: xr.Dataset, crossed: xr.Dataset, axis: str, abou
     """
     largest = crossed["largest_static"].sel(axis=axis)
     names = _most(largest["point"].values, np.abs(largest.transpose("passage", ...).values).max(axis=0))
-    figure, panels = _pairs(f"passages, {axis}: {about.line}", len(names))
+    figure, panels = _pairs(f"passages, {axis}, with their dynamic amplification: {about.line}", len(names))
     for (history, diagram), name in zip(panels, names, strict=False):
         one = crossed.sel(point=name, axis=axis)
         _draw_crossings(displacement.sel(point=name, axis=axis), one, history)
@@ -130,7 +130,7 @@ def _draw_crossings(series: xr.Dataset, one: xr.Dataset, axes: Axes) -> None:
         amplification = float(crossing["amplification"])
         if np.isfinite(amplification):
             axes.annotate(
-                f"{amplification:.2f}", (0.5 * (begin + end), 1.0), xycoords=("data", "axes fraction"),
+                f"{amplification:.2f}", (0.5 * (begin + end), 0.97), xycoords=("data", "axes fraction"),
                 ha="center", va="top", fontsize="small",
             )  # fmt: skip
     axes.set_xlabel("time [s]")

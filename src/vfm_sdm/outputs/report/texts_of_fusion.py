@@ -39,6 +39,15 @@ FUSION_FORMS: Mapping[str, str] = {
     "check that the sensor sits at the point": "prüfen, ob der Sensor an diesem Punkt sitzt",
     "the video is off what the sensor predicts by {ratio:n} times what both explain": "das Video weicht um das "
     "{ratio}-fache dessen, was beide erklären, von der Vorhersage des Sensors ab",
+    "at {time:n} s the video is off what the sensor predicts by {ratio:n} times what both explain": "bei {time} s "
+    "weicht das Video um das {ratio}-fache dessen, was beide erklären, von der Vorhersage des Sensors ab",
+    "one of them jumped there and the result is wrong about it": "eines von beiden ist dort gesprungen und das "
+    "Ergebnis dort falsch",
+    "{count:n} lone samples are bridged": "{count} einzeln abweichende Werte sind überbrückt",
+    "the first at {time:n} s": "der erste bei {time} s",
+    "check the logger": "den Datenlogger prüfen",
+    "the video is {gain:n} times the sensor": "das Video ist das {gain}-fache des Sensors",
+    "check the sensor's units and the sign of its column": "Einheiten des Sensors und Vorzeichen seiner Spalte prüfen",
     "do not rely on the intervals": "den Intervallen nicht vertrauen",
     "video and sensor differ in size by {percent:n} %": "Video und Sensor unterscheiden sich um {percent} %",
     "which the stated uncertainty of the scale does not explain": "was die angegebene Unsicherheit des Maßstabs nicht "
@@ -62,6 +71,7 @@ FUSION_FORMS: Mapping[str, str] = {
     "several lags agree": "mehrere Versätze passen",
     "the lag lies outside the search": "der Versatz liegt außerhalb der Suche",
     "too short together": "gemeinsam zu kurz",
+    "video and sensor differ in size or sign": "Video und Sensor unterscheiden sich in Größe oder Vorzeichen",
 }
 """German forms of what is said of a fusion, and of sensors as length standards."""
 FUSION_THINGS: Mapping[str, str] = {

@@ -108,6 +108,43 @@ def test_a_sensor_elsewhere_has_no_fusion(records):
     assert found.sizes["time"] == 0
 
 
+def changed(acceleration, change):
+    """The acceleration after a function of its values (T, 1, A)."""
+    values = acceleration["acceleration"].values.copy()
+    return acceleration.assign(acceleration=acceleration["acceleration"].copy(data=change(values)))
+
+
+def test_other_units_and_a_reversed_axis_have_no_fusion(records):
+    displacement, acceleration, _ = records
+    in_g = fuse(displacement, changed(acceleration, lambda v: v / 9.81), "mid", axes=["vertical"], static=STATIC)
+    assert in_g.attrs["status"] == FusionStatus.OTHER_SIZE
+    assert in_g.sizes["time"] == 0
+    reversed_one = fuse(displacement, changed(acceleration, lambda v: v * [1, -1]), "mid", static=STATIC)
+    assert reversed_one["axis"].values.tolist() == ["lateral"]
+    assert any("vertical: left out" in note for note in reversed_one.attrs["notes"])
+
+
+def test_a_lone_wrong_sample_is_bridged_and_named(records, fused):
+    displacement, acceleration, _ = records
+
+    def spoil(values):
+        values[2000, 0, 1] = 1e6
+        return values
+
+    found = fuse(displacement, changed(acceleration, spoil), "mid", axes=["vertical"], static=STATIC)
+    assert float(np.abs(found["displacement"].values - fused["displacement"].values).max()) < 0.05
+    assert any("1 lone samples are bridged, the first at 9.7 s" in note for note in found.attrs["notes"])
+
+
+def test_a_jump_of_the_video_is_named(records):
+    displacement, acceleration, _ = records
+    values = displacement["displacement"].values.copy()
+    values[300:] += 2.0
+    jumped = displacement.assign(displacement=displacement["displacement"].copy(data=values))
+    found = fuse(jumped, acceleration, "mid", axes=["vertical"], static=STATIC)
+    assert any("at 10.00 s the video is off what the sensor predicts" in note for note in found.attrs["notes"])
+
+
 def test_a_lag_outside_the_search_has_no_fusion(records):
     displacement, acceleration, _ = records
     settings = FusionSettings(search=LagSearch(search_s=0.3, start_lag_s=-2.0))

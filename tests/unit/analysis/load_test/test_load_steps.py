@@ -35,6 +35,10 @@ def test_times_may_be_left_out(tmp_path):
         ("load,mid up [mm]\n0,1\n5,2\n", "got 'mid up'; name a point and one of lateral, vertical, longitudinal"),
         ("load,vertical\n0,1\n5,2\n", "got 'vertical'; name a point"),
         ("load,begin_s,end_s\n0,0,20\n-,25,30\n", "expected the load of every step, got none in row 2"),
+        ("load,mid vertical [cm]\n0,0\n5,2\n", "expected mid vertical in mm, got cm"),
+        ("load,begin_s [min],end_s [min]\n0,0,1\n5,2,3\n", "expected begin_s in s, got min"),
+        ("load [kN],load [t]\n0,0\n5,2\n", "expected each column once, got several load"),
+        ("load,mid vertical,mid Vertical\n0,0,0\n5,2,3\n", "expected each column once, got several mid vertical"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(tmp_path, text, message):

@@ -188,6 +188,12 @@ def test_plans_of_another_recording_are_refused(plan, message):
         judge_load_test(data.drop_vars("uncertainty"), plan)
 
 
+@pytest.mark.parametrize("limits", [{"ratio": np.nan}, {"ratio": -1.0}, {"residual": np.inf}, {"residual": 0.0}])
+def test_limits_that_are_none_are_refused(limits):
+    with pytest.raises(DatasetError, match=r"expected a limit of the [a-z]+ above 0"):
+        Limits(**limits)
+
+
 def test_files_say_what_was_judged(tmp_path):
     data, calculated, _ = simulated(3, 1.0, 0.1)
     result = judge_load_test(data, plan_of(calculated))

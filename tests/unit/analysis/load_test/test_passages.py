@@ -145,6 +145,30 @@ def test_what_cannot_be_told_has_a_name():
         judge_passages(displacement_of(time_s, total), [Passage(1.0, 500.0)])
 
 
+def test_a_vibration_without_a_static_part_has_no_amplification():
+    time_s = np.arange(600) / RATE_HZ
+    swing = 4 * np.sin(2 * np.pi * 2.5 * time_s) * (time_s > 5)
+    found = vertical(judge_passages(displacement_of(time_s, swing, noise_mm=0.01), [Passage(5.0, 9.0)]))
+    assert str(found["status"].values) == PassageStatus.IN_NOISE
+    assert np.isnan(float(found["amplification"]))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frequency_hz": -1.0}, "expected that of the structure, above 0 Hz, got -1"),
+        ({"frequency_hz": np.nan}, "above 0 Hz, got nan"),
+        ({"axles": (Axle(0.0, 60.0), Axle(40.0, 60.0))}, "expected a vehicle that is shorter than its way, 32 m"),
+        ({"axles": TRUCK, "passages": [Passage(6.0, 10.0)]}, "expected passages whose speed is stated, got none"),
+    ],
+)
+def test_what_cannot_be_of_structure_and_vehicle_is_refused(options, message):
+    time_s = np.arange(600) / RATE_HZ
+    given = {"passages": [Passage(6.0, 10.0, 8.0)], **options}
+    with pytest.raises(DatasetError, match=message):
+        judge_passages(displacement_of(time_s, np.zeros(600)), **given)
+
+
 def test_one_sample_that_is_missing_is_bridged():
     passage, time_s, total, _ = crossing(8.0)
     values = total.copy()
@@ -160,6 +184,7 @@ def test_one_sample_that_is_missing_is_bridged():
         ("begin_s,end_s,speed\n3,4,5\n", "expected the speed in m/s or km/h, got no unit"),
         ("begin_s,end_s\n3,4\n3.5,6\n", "expected passages one after the other"),
         ("begin_s,end_s,speed [m/s]\n3,4,-5\n", "expected speeds above 0"),
+        ("begin_s [min],end_s\n3,4\n", "expected begin_s in s, got min"),
     ],
 )
 def test_tables_that_cannot_be_meant_are_refused(tmp_path, text, message):

@@ -190,3 +190,13 @@ def test_files_hold_the_same(found, tmp_path):
     assert len(rows) == 1 + 3 * 8 * 3
     assert rows[0].startswith("mode,frequency_hz,frequency_low_hz,") or "frequency" in rows[0]
     assert read_modes(tmp_path / "nothing") is None
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_modes_of_one_shape_far_from_each_other_are_both_found(seed):
+    """As where the points stand on a part of the span alone."""
+    shapes = true_shapes()[[1, 1, 2]]
+    found = identify_modes(vibrate(60.0, seed=seed, frequency_hz=(1.6, 4.1, 6.1), shapes=shapes))
+    assert np.allclose(found["frequency"].values, [1.6, 4.1, 6.1], rtol=0.02)
+    held = (found["frequency_low"].values <= [1.6, 4.1, 6.1]) & (found["frequency_high"].values >= [1.6, 4.1, 6.1])
+    assert held.sum() >= 2

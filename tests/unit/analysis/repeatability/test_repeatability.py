@@ -1,10 +1,12 @@
 """Runs of the same films: analysis of variance against its definition and against simulated people."""
 
 import csv
+import io
 
 import numpy as np
 import pytest
 import xarray as xr
+from rich.console import Console
 from scipy import stats
 
 from vfm_sdm.analysis.repeatability import (
@@ -14,6 +16,7 @@ from vfm_sdm.analysis.repeatability import (
     read_repeatability,
     write_repeatability,
 )
+from vfm_sdm.commands.repeat import _tabulate
 from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 from vfm_sdm.core.netcdf import write_displacement
 from vfm_sdm.errors import DatasetError
@@ -150,6 +153,15 @@ def test_files_say_what_was_compared(tmp_path):
     assert float(row["run 2_mm"]) == pytest.approx(float(one["value"].sel(run="run 2")), rel=1e-5)
     netcdf.unlink()
     assert read_repeatability(tmp_path) is None
+
+
+def test_no_number_of_the_table_is_cut_at_80_columns():
+    names = ("deck edge left of pier 3", "1/2 span")
+    runs = runs_of((1.0, 1.01, 1.05, 1.06), ("anna", "anna", "ben", "ben"), names=names)
+    shown = io.StringIO()
+    Console(file=shown, width=80).print(_tabulate(compare_runs(runs).sel(quantity="displacement"), "displacement"))
+    assert "…" not in shown.getvalue()
+    assert shown.getvalue().count("longitudinal") == len(names)
 
 
 def test_the_command(command, tmp_path):

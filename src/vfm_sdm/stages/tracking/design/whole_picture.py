@@ -16,6 +16,8 @@ _STILL = 0.5
 """Correlation of their detail with that of the reference frame [1] from which on the camera is where it was."""
 _GAIN = 0.25
 """By how much turning a picture back must raise that correlation [1]: else it is not the camera that moved."""
+_FAR_PX = 24.0
+"""Shift of a part of the picture that windows hold with their margin [px]."""
 _RATIO = 0.75
 """A feature's best match must be nearer than its second best by this factor (Lowe)."""
 _FEWEST = 12
@@ -45,6 +47,8 @@ class PictureMotion:
 
     def __init__(self, reference: LumaArray) -> None:
         self._width = reference.shape[1]
+        right, bottom = np.array(reference.shape[::-1], float) - 1
+        self._corners = np.array([[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]])
         self._small, self._tiny = _shrink(reference, _SMALL_PX), _detail(reference)
         self._features: tuple[FloatArray, Image] | None = None
 
@@ -71,7 +75,14 @@ class PictureMotion:
         # A pixel's centre is a whole number in both sizes.
         scale = self._small.shape[1] / self._width
         grow = np.array([[scale, 0, (scale - 1) / 2], [0, scale, (scale - 1) / 2], [0, 0, 1.0]])
-        return np.asarray(np.linalg.inv(grow) @ found @ grow)
+        homography = np.asarray(np.linalg.inv(grow) @ found @ grow)
+        return homography if self._is_far(homography) else None
+
+    def _is_far(self, homography: FloatArray) -> bool:
+        """Whether it moves a corner of the picture farther than subsets follow by themselves."""
+        moved = self._corners @ homography.T
+        shift = moved[:, :2] / moved[:, 2:] - self._corners[:, :2]
+        return bool(np.linalg.norm(shift, axis=1).max() > _FAR_PX)
 
     def _match(self, small: Image) -> FloatArray | None:
         """Homography from the small copy of the reference frame to another one; ``None`` where too few agree."""
