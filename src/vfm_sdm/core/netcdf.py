@@ -21,6 +21,7 @@ __all__ = [
     "open_tracks",
     "read_dataset",
     "read_displacement",
+    "read_if_there",
     "read_points",
     "read_tracks",
     "write_dataset",
@@ -102,6 +103,24 @@ def read_dataset(path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *,
         xr.open_dataset(stream, engine=_ENGINE, decode_times=False) as dataset,
     ):
         return check(undescribed(restored(dataset.load())))
+
+
+def read_if_there(
+    path: Path | str, check: Callable[[xr.Dataset], xr.Dataset], *, kind: str, command: str
+) -> xr.Dataset | None:
+    """As `read_dataset`; ``None`` where there is no such file.
+
+    Parameters
+    ----------
+    path, check, kind, command
+        As of `read_dataset`.
+
+    Raises
+    ------
+    ResultsError
+        The file is damaged or holds something else.
+    """
+    return read_dataset(path, check, kind=kind, command=command) if Path(path).exists() else None
 
 
 def write_tracks(folder: Path | str, tracks_by_view: Mapping[str, xr.Dataset]) -> Path:

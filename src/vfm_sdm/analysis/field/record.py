@@ -8,7 +8,7 @@ import xarray as xr
 
 from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_dataset, write_dataset
+from vfm_sdm.core.netcdf import read_if_there, write_dataset
 
 __all__ = ["check_field", "extreme_times", "read_field", "write_field"]
 
@@ -67,8 +67,7 @@ def read_field(folder: Path | str) -> xr.Dataset | None:
     ResultsError
         The file is damaged or holds something else.
     """
-    file = Path(folder) / _FILE
-    return read_dataset(file, check_field, kind="a field", command="vfm-sdm field") if file.exists() else None
+    return read_if_there(Path(folder) / _FILE, check_field, kind="a field", command="vfm-sdm field")
 
 
 def write_field(folder: Path | str, field: xr.Dataset, times_s: Sequence[float]) -> list[Path]:

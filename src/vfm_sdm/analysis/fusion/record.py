@@ -8,7 +8,7 @@ import xarray as xr
 from vfm_sdm.analysis.fusion.result import FUSED_MEANINGS
 from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_dataset, write_dataset
+from vfm_sdm.core.netcdf import read_if_there, write_dataset
 
 __all__ = ["check_fusion", "read_fusion", "write_fusion"]
 
@@ -49,8 +49,7 @@ def read_fusion(folder: Path | str) -> xr.Dataset | None:
     ResultsError
         The file is damaged or holds something else.
     """
-    file = Path(folder) / _FILE
-    return read_dataset(file, check_fusion, kind="a fusion", command="vfm-sdm fuse") if file.exists() else None
+    return read_if_there(Path(folder) / _FILE, check_fusion, kind="a fusion", command="vfm-sdm fuse")
 
 
 def write_fusion(folder: Path | str, fused: xr.Dataset) -> list[Path]:

@@ -1,6 +1,6 @@
 """A load test as files of a run folder."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,7 @@ import xarray as xr
 
 from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_dataset, write_dataset
+from vfm_sdm.core.netcdf import read_if_there, write_dataset
 
 __all__ = [
     "check_load_test",
@@ -84,7 +84,7 @@ def read_load_test(folder: Path | str) -> xr.Dataset | None:
     ResultsError
         The file is damaged or holds something else.
     """
-    return _read(Path(folder) / _STEPS, check_load_test, "a load test")
+    return read_if_there(Path(folder) / _STEPS, check_load_test, kind="a load test", command="vfm-sdm load-test")
 
 
 def read_passages_of_run(folder: Path | str) -> xr.Dataset | None:
@@ -100,11 +100,7 @@ def read_passages_of_run(folder: Path | str) -> xr.Dataset | None:
     ResultsError
         The file is damaged or holds something else.
     """
-    return _read(Path(folder) / _PASSAGES, check_passages, "passages")
-
-
-def _read(file: Path, check: Callable[[xr.Dataset], xr.Dataset], kind: str) -> xr.Dataset | None:
-    return read_dataset(file, check, kind=kind, command="vfm-sdm load-test") if file.exists() else None
+    return read_if_there(Path(folder) / _PASSAGES, check_passages, kind="passages", command="vfm-sdm passages")
 
 
 def write_load_test(folder: Path | str, result: xr.Dataset) -> list[Path]:

@@ -7,7 +7,7 @@ import xarray as xr
 
 from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_dataset, write_dataset
+from vfm_sdm.core.netcdf import read_if_there, write_dataset
 
 __all__ = ["check_modes", "read_modes", "write_modes"]
 
@@ -48,8 +48,7 @@ def read_modes(folder: Path | str) -> xr.Dataset | None:
     ResultsError
         The file is damaged or holds something else.
     """
-    file = Path(folder) / _FILE
-    return read_dataset(file, check_modes, kind="modes", command="vfm-sdm modes") if file.exists() else None
+    return read_if_there(Path(folder) / _FILE, check_modes, kind="modes", command="vfm-sdm modes")
 
 
 def write_modes(folder: Path | str, modes: xr.Dataset) -> list[Path]:

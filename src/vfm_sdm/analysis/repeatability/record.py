@@ -9,7 +9,7 @@ import xarray as xr
 from vfm_sdm.analysis.repeatability.anova import Spread
 from vfm_sdm.core.dataset_checks import check_variable
 from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_dataset, write_dataset
+from vfm_sdm.core.netcdf import read_if_there, write_dataset
 
 __all__ = ["check_repeatability", "read_repeatability", "write_repeatability"]
 
@@ -50,10 +50,9 @@ def read_repeatability(folder: Path | str) -> xr.Dataset | None:
     ResultsError
         The file is damaged or holds something else.
     """
-    file = Path(folder) / _FILE
-    if not file.exists():
-        return None
-    return read_dataset(file, check_repeatability, kind="a comparison of runs", command="vfm-sdm repeat")
+    return read_if_there(
+        Path(folder) / _FILE, check_repeatability, kind="a comparison of runs", command="vfm-sdm repeat"
+    )
 
 
 def write_repeatability(folder: Path | str, result: xr.Dataset) -> list[Path]:
