@@ -60,13 +60,14 @@ def _acknowledged(name: str) -> bool:
 
 
 def weights_table() -> Table:
-    """Network, size and licence of every checkpoint, and its file where it is here."""
+    """Network, size and licence of every checkpoint, and whether its file is here or how it can be had."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for name in ("name", "network", "size", "licence", "here"):
         table.add_column(Text(name), justify="right" if name == "size" else "left")
     for name, one in CHECKPOINTS.items():
-        file = local_weights(name)
-        licence = one.licence + " (gated)" * one.gated + " (by hand)" * one.by_hand
-        table.add_row(name, one.network, one.size, licence, file.name if file.is_file() else "not here")
-    table.caption, table.caption_justify = Text("not here: vfm-sdm weights fetch NAME"), "left"
+        absent = "no" + " (gated)" * one.gated + " (by hand)" * one.by_hand
+        here = "yes" if local_weights(name).is_file() else absent
+        table.add_row(name, one.network, one.size, one.licence, here)
+    table.caption = Text("fetch: vfm-sdm weights fetch NAME, which says how to get those that it cannot")
+    table.caption_justify = "left"
     return table

@@ -211,7 +211,7 @@ _CAMERAS = {
     "posediffusion": Part(
         _STAGES + "cameras.posediffusion:PoseDiffusionCameras",
         ("network.weights", "network.device"),
-        needs=Needs("vfm", ("torch",), ("posediffusion-co3d", "posediffusion-realestate10k")),
+        needs=Needs("vfm", ("torch",), ("posediffusion-co3d", "posediffusion-re10k")),
         requires=("baseline",),
     ),
     "sfm": Part(

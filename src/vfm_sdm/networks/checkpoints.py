@@ -153,10 +153,10 @@ _ALL = (
         ),
     ),
     Checkpoint(
-        "posediffusion-realestate10k",
+        "posediffusion-re10k",
         "posediffusion",
         _POSEDIFFUSION,
-        "posediffusion-realestate10k.pth",
+        "posediffusion-re10k.pth",
         156_000_000,
         "CC-BY-NC-4.0",
         "https://creativecommons.org/licenses/by-nc/4.0/",

@@ -89,7 +89,7 @@ def choose_image_size(weights: str | Path) -> int:
 
     Examples
     --------
-    >>> choose_image_size("co3d_model1.pth"), choose_image_size("posediffusion-realestate10k.pth")
+    >>> choose_image_size("co3d_model1.pth"), choose_image_size("posediffusion-re10k.pth")
     (224, 336)
     """
     name = Path(weights).name.lower()

@@ -28,7 +28,7 @@ class TestFindEstimator:
 
     def test_unknown_name_is_refused(self):
         with pytest.raises(
-            BackendUnavailableError, match=r"expected one of \['chessboard', 'file', 'sfm', .*'vggt'\], got 'colmap'"
+            BackendUnavailableError, match=r"expected one of \['chessboard', 'file', .*'sfm', .*'vggt'\], got 'colmap'"
         ):
             find_estimator("colmap")
 
