@@ -26,9 +26,19 @@ def _shared_folder() -> Path:
     return Path(os.environ.get("VFM_SDM_SHARED", _ROOT.parent / "shared"))
 
 
+_DURATIONS = "vfm-sdm/durations"
+"""Entry of pytest's cache: seconds of preparing and of running by the name of the test."""
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Order of the tests."""
+    """Order and choice of the tests."""
     parser.addoption("--backwards", action="store_true", help="run the last test first: no test may need another")
+    parser.addoption(
+        "--shorter-than",
+        type=float,
+        metavar="SECONDS",
+        help="leave out tests that took longer when they last ran here; what is prepared counts for its whole file",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -40,9 +50,41 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Files, and the tests in them, from the last to the first where that was asked for."""
+    """Without those that take too long, and from the last to the first, where that was asked for."""
+    longest = config.getoption("--shorter-than")
+    if longest is not None:
+        seconds = _expected_seconds(config)
+        config.hook.pytest_deselected(items=[item for item in items if seconds.get(item.nodeid, 0.0) > longest])
+        items[:] = [item for item in items if seconds.get(item.nodeid, 0.0) <= longest]
     if config.getoption("--backwards"):
         items.reverse()
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Notes how long each test took."""
+    _noted.setdefault(report.nodeid, {})[report.when] = report.duration
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keeps what was noted, once: workers tell the process that started them."""
+    if _noted and not hasattr(session.config, "workerinput") and session.config.cache is not None:
+        session.config.cache.set(_DURATIONS, session.config.cache.get(_DURATIONS, {}) | _noted)
+
+
+_noted: dict[str, dict[str, float]] = {}
+
+
+def _expected_seconds(config: pytest.Config) -> dict[str, float]:
+    """Of a test that is run by itself: its own, and the longest that a test of its file took to prepare.
+
+    What tests of a file share is prepared for whichever comes first.
+    """
+    durations: dict[str, dict[str, float]] = {} if config.cache is None else config.cache.get(_DURATIONS, {})
+    prepared: dict[str, float] = {}
+    for name, seconds in durations.items():
+        file = name.partition("::")[0]
+        prepared[file] = max(prepared.get(file, 0.0), seconds.get("setup", 0.0))
+    return {name: one.get("call", 0.0) + prepared[name.partition("::")[0]] for name, one in durations.items()}
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -41,6 +41,8 @@ SLOW = {
     "drone",
     "drone_points",
     "end_to_end",
+    "fusion",
+    "injection",
     "lens",
     "lines",
     "long",
@@ -51,6 +53,7 @@ SLOW = {
     "profiles",
     "references",
     "scale",
+    "verdicts",
 }
 NEEDS = {"profiles": "lens_profiles"}
 """Real data without which a script has nothing to do."""

@@ -16,6 +16,8 @@ from vfm_sdm.stages.synchronize import synchronize_views
 from vfm_sdm.studies.synthetic.presets import PRESETS, preset
 from vfm_sdm.studies.synthetic.sensors import write_acceleration
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(10)
 TRACKER_STD_PX = 0.03
 DISPLACEMENT_STD_MM = 0.05

@@ -14,6 +14,8 @@ from vfm_sdm.core.statuses import Outcome, Verdict
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.outputs.results.summary import describe_measurement
 
+pytestmark = pytest.mark.slow
+
 WHOLE_S, PART_S = 1000.0, 15.0
 CALM = {
     **{"vertical_mm": 20.0, "lateral_mm": 8.0, "track_std_px": (0.01, 0.01), "longitudinal_share": 0.02},

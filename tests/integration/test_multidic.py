@@ -8,6 +8,8 @@ from vfm_sdm.inputs.session import Session
 from vfm_sdm.measurement import measure
 from vfm_sdm.stages.cameras.file import write_rig
 
+pytestmark = pytest.mark.slow
+
 MAGNITUDES_MM = (0.0, 0.424, 0.900, 1.394, 1.878)  # two independent trackers agree on them to 0.002 mm
 
 

@@ -75,6 +75,7 @@ def test_defaults_count_as_written(recorded, tmp_path):
     assert read_session(write_scene(tmp_path / "icgn", frames=1)).method.tables == {}
 
 
+@pytest.mark.slow
 def test_its_setting_changes_the_key_of_the_tracks_and_of_nothing_before(measured):
     result, folder = measured
     session = result.session
@@ -109,6 +110,7 @@ def test_a_check_takes_part_in_the_audit(measured):
     assert checks[-1]["sentence"].startswith("only 0.6 s were filmed")
 
 
+@pytest.mark.slow
 def test_a_writer_is_an_export(measured, recorded, tmp_path, command):
     result, folder = measured
     path = write_export("jsonl", tmp_path, result.displacement)

@@ -18,6 +18,8 @@ from vfm_sdm.measurement import Measurement, measure
 from vfm_sdm.stages.cameras.file import write_rig
 from vfm_sdm.stages.cameras.solution import read_solution
 
+pytestmark = pytest.mark.slow
+
 FRAMES, GONE, NAMED, BEHIND = 36, 9, 14, 4
 """Frames in all; those that the lorry hides; the one of the names; by which the right view begins later."""
 HIDDEN = ("b", "c")

@@ -20,6 +20,8 @@ from vfm_sdm.studies.synthetic.motion import Mode
 from vfm_sdm.studies.synthetic.plan import MountedAccelerometer, Recording
 from vfm_sdm.studies.synthetic.sensors import Accelerometer
 
+pytestmark = pytest.mark.slow
+
 OFFSET_S, SENSOR_S = 0.173, -1.3
 MONITORED = {"1/4 span": "acc-1", "1/2 span": "acc-2"}
 AGAINST = ("truth", "accelerometers")
@@ -152,7 +154,6 @@ def test_methods_that_cannot_run_are_listed_with_the_reason(benchmark):
         assert benchmark.tables[name].notes == ()
 
 
-@pytest.mark.slow
 def test_posediffusion_runs_where_its_weights_are(benchmark, copy, monkeypatch, tmp_path_factory):
     """With recipe weights, whose cameras mean nothing: it takes part, and its row says what came of it."""
     torch = pytest.importorskip("torch", reason="PoseDiffusion needs torch")

@@ -124,7 +124,7 @@ def kill_runs(paths, folder, kills):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.parametrize("count", [5, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [3, pytest.param(30, marks=[pytest.mark.slow, pytest.mark.hundreds])])
 def test_killed_runs_leave_no_mixture(paths, finished, run, count):
     rng = np.random.default_rng(count)
     folder = run

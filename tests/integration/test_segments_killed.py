@@ -123,8 +123,9 @@ class Runner:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kills", [5, pytest.param(50, marks=[pytest.mark.slow, pytest.mark.hundreds])])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [0, 2])
+@pytest.mark.parametrize("kills", [5, pytest.param(50, marks=pytest.mark.hundreds)])
 def test_killed_runs_end_with_the_bytes_of_an_undisturbed_one(scene, undisturbed, tmp_path, command, workers, kills):
     rng = np.random.default_rng(kills + workers)
     with Runner(tmp_path, scene, tmp_path / "whole", workers) as whole:
@@ -153,7 +154,8 @@ def test_killed_runs_end_with_the_bytes_of_an_undisturbed_one(scene, undisturbed
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.parametrize("kills", [5, pytest.param(50, marks=[pytest.mark.slow, pytest.mark.hundreds])])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [5, pytest.param(50, marks=pytest.mark.hundreds)])
 def test_killed_runs_of_tracks_that_lie_in_files_end_alike(scene, undisturbed, tmp_path, kills):
     """Nothing of them is left, and values are those of a run in memory."""
     rng, out = np.random.default_rng(kills), tmp_path / "run"

@@ -39,6 +39,7 @@ def sky(tmp_path_factory):
     return write_session(path, Session(**{**session.model_dump(), "folder": session.folder, "point": points}))
 
 
+@pytest.mark.slow
 def test_points_on_the_sky_end_with_the_first_cause(command, sky, tmp_path):
     status, out, err = command("measure", sky, "-o", tmp_path / "run")
     assert status == 3

@@ -93,6 +93,7 @@ def test_confusions_are_named_with_what_to_do(misread, name, words):
     assert any(words in note for note in solution.notes if note.startswith("most probably wrong"))
 
 
+@pytest.mark.slow
 def test_exchanged_recordings_are_named():
     solution = solve(1, films_swapped=True)
     assert solution.suspects[0].name == "recordings of the two views"
@@ -106,6 +107,7 @@ def test_right_statements_are_not_doubted(seed):
 
 
 @pytest.mark.parametrize("errors", [(0.3, 0.0), pytest.param((0.0, -0.3), marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_one_wrong_lens_of_two_is_the_one_that_is_named(errors):
     wrong = int(np.argmax(np.abs(errors)))
     solution = solve(1, focal_errors=errors)

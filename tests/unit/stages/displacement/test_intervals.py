@@ -49,12 +49,14 @@ def found() -> list[FloatArray]:
     return trusted(error_ratios(seed) for seed in range(12))
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_and_are_no_wider_than_that_takes(found):
     assert len(found) >= 10
     assert objections(found) == set()
 
 
 @pytest.mark.parametrize(("factor", "expected"), [(3.0, TOO_WIDE), (np.inf, TOO_WIDE), (1 / 3, TOO_NARROW)])
+@pytest.mark.slow
 def test_intervals_three_times_too_wide_or_too_narrow_are_objected_to(found, factor, expected):
     assert objections([one / factor for one in found]) == expected
 

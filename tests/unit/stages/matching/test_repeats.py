@@ -85,6 +85,7 @@ def tell(places, *, off_px=0.0):
 
 
 @pytest.mark.parametrize("places", [[(-1.5, 0.1), (0.2, 0.1), (1.8, 0.1)], [(-1.5, -0.8), (0.2, 0.9), (1.8, 0.1)]])
+@pytest.mark.slow
 def test_three_places_told_on_tiles_are_a_pose(wall, places):
     """In a row, as on a railing, or not: what somebody points at is no chance, whatever the tiles agree with."""
     _, images = wall

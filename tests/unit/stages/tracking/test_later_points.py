@@ -88,6 +88,7 @@ def test_a_point_behind_a_lorry_is_lost_there_and_right_after_it(video, tracker,
     np.testing.assert_array_equal(tracks["reference"].values, np.broadcast_to(LATER, (FRAMES, 4)))
 
 
+@pytest.mark.slow
 def test_designed_subsets_are_those_of_the_frame_that_shows_the_point(video):
     subsets = designed(video)
     # Two fifths of the samples show the lorry, and none of them votes: all of a plate moves with its points.

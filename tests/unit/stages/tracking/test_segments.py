@@ -135,6 +135,7 @@ class TestAgainstOnePiece:
 
 
 class TestSameBits:
+    @pytest.mark.slow
     def test_whoever_works_and_whether_it_is_kept(self, processes, tmp_path):
         film = write_film(tmp_path / "short.mp4", pictures(motion(40)))
         names = ["p0", "p1"]

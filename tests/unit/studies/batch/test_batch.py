@@ -70,6 +70,7 @@ def die(task):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL on Windows")
+@pytest.mark.slow
 def test_a_process_that_dies_takes_no_other_along(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_measure_one", die)
     reported = []

@@ -119,6 +119,7 @@ def test_a_run_without_the_structures_axes_is_named(tmp_path, prediction):
         plan_from_run(folder)
 
 
+@pytest.mark.slow
 def test_the_best_places_see_the_points_and_leave_less(prediction):
     area = Area(perpendicular_m=(4.0, 9.0), longitudinal_m=(-3.0, 12.0))
     found = optimise_positions(prediction, area, starts=8, steps=6)
@@ -147,6 +148,7 @@ def test_files_are_as_large_as_rate_and_duration_say():
     assert [(one.camera, one.frames, one.megabytes) for one in sizes] == [("left", 120, 20.0), ("right", 120, 20.0)]
 
 
+@pytest.mark.slow
 def test_the_command_prints_and_writes(tmp_path, capsys):
     path = tmp_path / "plan.toml"
     path.write_text(tomli_w.dumps(fields(**SHORT, point=fields()["point"][1:2])), encoding="utf-8")

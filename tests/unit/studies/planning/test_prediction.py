@@ -106,6 +106,7 @@ def test_the_share_of_what_limits_is_what_its_removal_takes_away():
     assert (better.relative / found.relative) ** 2 < 1 - shares["focal lengths"] + 0.02
 
 
+@pytest.mark.slow
 def test_advice_leaves_what_the_plan_with_it_is_predicted_to_have(prediction):
     advice = list_advice(prediction)
     assert [one.left for one in advice] == sorted(one.left for one in advice)

@@ -164,6 +164,7 @@ def test_frames_show_the_motion_of_the_truth(plan):
     assert np.abs(errors).max() < 0.03
 
 
+@pytest.mark.slow
 def test_films_differ_by_every_stage_of_lens_and_sensor():
     plan = without_leaves(preset("surface-1", "small"), image_size=(640, 360))
     scene, recording = plan.site.scene(seed=plan.seed), plan.recordings[0]

@@ -87,6 +87,7 @@ def test_a_blunder_stands_in_both_sessions_and_the_truth_beside(tmp_path):
         make_sessions(replace(plan, blunders=(Blunder("length 9", 0.1),)), tmp_path)
 
 
+@pytest.mark.slow
 def test_folder_holds_the_truth_of_every_frame(tmp_path):
     plan = tiny("hostile-2")
     path = make_field_test(tmp_path / "made", plan)
