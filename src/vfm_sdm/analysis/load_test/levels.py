@@ -8,13 +8,15 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["FEWEST_SAMPLES", "Level", "find_level", "find_plateaus"]
+__all__ = ["FEWEST_SAMPLES", "LEVEL_FREEDOM", "Level", "find_level", "find_plateaus"]
 
 FEWEST_SAMPLES = 20
 """Samples below which a level has no scatter to be known by."""
 _LINES = range(3, 9)
 """Lines of frequency at which the scatter of a level is read, in inverse lengths of its interval: beyond what the
 weights' own lobe covers, and still slow."""
+LEVEL_FREEDOM = 2 * len(_LINES)
+"""Degrees of freedom with which the scatter of a level is known."""
 _BLOCKS = 600
 """Blocks into which a recording is divided, to find when it stands still."""
 _MARGIN = 1 / 6
@@ -78,7 +80,7 @@ def find_level(values: FloatArray, ok: BoolArray) -> Level:
     waves = np.exp(-2j * np.pi * np.outer(_LINES, place))
     beside = waves @ (weights * (filled - value))
     std = float(np.sqrt(np.mean(np.abs(beside) ** 2)))
-    return Level(value, std, 2 * len(_LINES))
+    return Level(value, std, LEVEL_FREEDOM)
 
 
 def find_plateaus(time_s: FloatArray, series: FloatArray, count: int) -> list[tuple[float, float]]:
