@@ -54,7 +54,7 @@ def repeat(
     for run, name, person in zip(runs, _short_names(runs), named, strict=True):
         displacement, of_run = read_run(run)
         notes += [f"{name}: {text}" for text in of_run]
-        opened.append(RepeatedRun(name, person or name, displacement, _films(run)))
+        opened.append(RepeatedRun(name, person or name, displacement, _films(run), _still_interval(run)))
     result = compare_runs(opened)
     OUT.print(_tabulate(result.sel(quantity=quantity), quantity))
     if not persons and not any(named):
@@ -84,6 +84,11 @@ def _films(run: Path) -> dict[str, str]:
     return {str(name): str(value) for name, value in hashes.items() if Path(str(name)).name not in others}
 
 
+def _still_interval(run: Path) -> tuple[float, float] | None:
+    file = run / SESSION
+    return read_session(file, check_files=False).method.still_interval_s if file.is_file() else None
+
+
 def _short_names(runs: list[Path]) -> list[str]:
     """Names of the folders; where two are alike, with as much of their paths as tells them apart."""
     parts = [run.resolve().parts for run in runs]
@@ -102,6 +107,7 @@ def _explain(result: xr.Dataset) -> list[str]:
         texts.append("all runs are one person's: only repeatability is known")
     elif max(people.values()) == 1:
         texts.append("nobody measured twice: only reproducibility is known")
+    texts += _explain_origins(result)
     over = result["consistency"].sel(quantity="displacement")
     wrong = [
         (float(over.sel(point=p, axis=a)), f"{a} of {p}") for p in over["point"].values for a in over["axis"].values
@@ -111,6 +117,25 @@ def _explain(result: xr.Dataset) -> list[str]:
         listed = ", ".join(f"{where} ({value:.1f})" for value, where in wrong[:3])
         more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
         texts.append(f"runs differ by more than the standard uncertainty that they state: {listed}{more}")
+    return texts
+
+
+def _explain_origins(result: xr.Dataset) -> list[str]:
+    """What runs measure from, where it is not the same: they differ by a constant then, whoever measured."""
+    texts = []
+    for name, words in (
+        ("origin", "displacement is relative to something else"),
+        ("start", "time is zero at other dates"),
+    ):
+        stated = [str(one) or "not stated" for one in result[name].values]
+        if len(set(stated)) > 1:
+            listed = "; ".join(f"{run}: {one}" for run, one in zip(result["run"].values, stated, strict=True))
+            texts.append(f"{words} from run to run ({listed})")
+    points = result["point"].values[result["first_frame_differs"].values.astype(bool)]
+    if points.size:
+        texts.append(f"the first valid sample is not of the same frame in all runs: {', '.join(map(str, points[:5]))}")
+    if points.size or len(set(result["origin"].values.tolist())) > 1:
+        texts.append("what differs by a constant from run to run is not in peak_to_peak: compare that")
     return texts
 
 

@@ -38,6 +38,7 @@ from vfm_sdm.errors import DatasetError
 
 __all__ = [
     "CAMERA_AXES",
+    "FIRST_SAMPLE",
     "IMAGE_PLANE",
     "PIXEL",
     "START",
@@ -64,6 +65,8 @@ START = "time_coverage_start"
 """Attribute of tracks and displacement with the date and time of time zero, where the session states it (ISO 8601)."""
 STRUCTURE_AXES = ("lateral", "vertical", "longitudinal")
 CAMERA_AXES = ("right", "down", "forward")
+FIRST_SAMPLE = "first valid sample"
+"""What displacement is relative to where no still interval is stated: attribute ``relative_to``."""
 IMAGE_PLANE = "image plane"
 """Frame of the displacement of a single view, in the picture."""
 UNMEASURED_STD_PX = 1000.0

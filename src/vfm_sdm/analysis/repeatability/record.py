@@ -33,7 +33,9 @@ def check_repeatability(result: xr.Dataset) -> xr.Dataset:
     for name in _NAMES:
         check_variable(result, name, ("quantity", "point", "axis"), None)
     check_variable(result, "value", ("run", "quantity", "point", "axis"), "mm")
-    check_variable(result, "person", ("run",), None)
+    for name in ("person", "origin", "start"):
+        check_variable(result, name, ("run",), None)
+    check_variable(result, "first_frame_differs", ("point",), None)
     return result
 
 
