@@ -7,7 +7,6 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -19,7 +18,8 @@ from vfm_sdm.analysis.fusion import (
     write_fusion,
 )
 from vfm_sdm.commands.runs import read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, fail, note, number_text, say
+from vfm_sdm.commands.terminal import OUT, fail, note, number_text, plain_table, say
+from vfm_sdm.core.constants import NORMAL_95
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.core.statuses import FusionStatus
 from vfm_sdm.errors import SessionError
@@ -28,8 +28,6 @@ from vfm_sdm.outputs.plots import describe_run
 from vfm_sdm.outputs.plots.fusion import draw_fusion
 
 __all__ = ["fuse_command"]
-
-_COVERAGE = 1.96
 
 
 def fuse_command(
@@ -86,7 +84,7 @@ def _tabulate(fused: xr.Dataset) -> Table:
         f"{fused.attrs['point']} with {fused.attrs['sensor']}: {low:g} to {high:.0f} Hz, "
         f"{fused.attrs['sampling_rate_hz']:.0f} values a second; +- 95 %"
     )
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     axes = [str(axis) for axis in fused["axis"].values]
     table.add_column("quantity")
     for axis in axes:
@@ -101,7 +99,7 @@ def _tabulate(fused: xr.Dataset) -> Table:
     for words, name, std, factor, form in rows:
         cells = [number_text(float(fused[name].sel(axis=axis)), form, factor) for axis in axes]
         if std is not None:
-            spreads = [number_text(float(fused[std].sel(axis=axis)), form, factor * _COVERAGE) for axis in axes]
+            spreads = [number_text(float(fused[std].sel(axis=axis)), form, factor * NORMAL_95) for axis in axes]
             cells = [f"{cell} +- {spread}" for cell, spread in zip(cells, spreads, strict=True)]
         table.add_row(Text(words), *cells)
     for words, chosen in (("noise, fused [mm]", 0), ("noise, bridged [mm]", 1)):

@@ -6,13 +6,22 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import Limits, drop_static, judge_load_test, read_steps, write_load_test
 from vfm_sdm.commands.runs import about_run, check_elsewhere, note_static, read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
+from vfm_sdm.commands.terminal import (
+    OUT,
+    add_name_column,
+    fail,
+    note,
+    number_text,
+    plain_table,
+    say,
+    say_rest,
+    shown_rows,
+)
 from vfm_sdm.outputs.plots.load_test import draw_load_test
 
 __all__ = ["load_test"]
@@ -110,7 +119,7 @@ def _tabulate(result: xr.Dataset) -> list[Table]:
 
 
 def _table(title: Text, names: list[str], columns: tuple[str, ...]) -> Table:
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     add_name_column(table, "point", names)
     for column in columns:
         table.add_column(Text(column), justify="right")

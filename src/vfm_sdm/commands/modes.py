@@ -5,13 +5,12 @@ from typing import Annotated
 
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.modal import ModalOptions, identify_modes, write_modes
 from vfm_sdm.commands.runs import about_run, read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, fail, note, number_text, say
+from vfm_sdm.commands.terminal import OUT, fail, note, number_text, plain_table, say
 from vfm_sdm.core.datasets import IMAGE_PLANE
 from vfm_sdm.core.files import write_file
 from vfm_sdm.outputs.plots import About
@@ -64,10 +63,7 @@ def modes(
 
 
 def _tabulate(found: xr.Dataset) -> Table:
-    table = Table(
-        title=Text("Modes, with 95 % intervals"), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0),
-        show_edge=False,
-    )  # fmt: skip
+    table = plain_table("Modes, with 95 % intervals")
     for column in ("mode", "Hz", "from", "to", "damping %", "from", "to", "MPC", "rms mm"):
         table.add_column(Text(column), justify="right", overflow="fold")
     table.add_column(Text("status"), overflow="fold", min_width=9)

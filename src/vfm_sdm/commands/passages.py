@@ -6,19 +6,27 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import drop_static, judge_passages, read_axles, read_passages, write_passages
 from vfm_sdm.commands.runs import about_run, check_elsewhere, note_static, read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
+from vfm_sdm.commands.terminal import (
+    OUT,
+    add_name_column,
+    fail,
+    note,
+    number_text,
+    plain_table,
+    say,
+    say_rest,
+    shown_rows,
+)
+from vfm_sdm.core.constants import KM_H
 from vfm_sdm.core.statuses import PassageStatus
 from vfm_sdm.outputs.plots.load_test import draw_passages
 
 __all__ = ["passages"]
-
-_KM_H = 3.6
 
 
 def passages(
@@ -71,13 +79,7 @@ def _tabulate(crossed: xr.Dataset) -> Table:
     """Passages of every point that moved, along one axis."""
     known = np.isfinite(crossed["largest_static"].transpose("passage", "point").values).any(axis=0)
     names = [str(name) for name in crossed["point"].values[known]]
-    table = Table(
-        title=Text("Passages, +- 95 %"),
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        show_edge=False,
-    )
+    table = plain_table("Passages, +- 95 %")
     add_name_column(table, "point", names)
     for column in ("time [s]", "km/h", "total mm", "static mm", "+-", "ampl.", "from-to"):
         table.add_column(Text(column), justify="right", no_wrap=column in ("time [s]", "ampl.", "from-to"))
@@ -87,7 +89,7 @@ def _tabulate(crossed: xr.Dataset) -> Table:
             table.add_row(
                 name if number == 0 else "",
                 f"{float(one['begin_s']):.1f}-{float(one['end_s']):.1f}",
-                number_text(float(one["speed_m_s"]), "{:.1f}", _KM_H),
+                number_text(float(one["speed_m_s"]), "{:.1f}", KM_H),
                 *(
                     number_text(float(one[key]), "{:.3f}")
                     for key in ("largest_total", "largest_static", "static_uncertainty", "amplification")

@@ -7,13 +7,21 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
-from rich.text import Text
 
 from vfm_sdm.analysis.repeatability import QUANTITIES, RepeatedRun, compare_runs, write_repeatability
 from vfm_sdm.commands.runs import about_run, read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
+from vfm_sdm.commands.terminal import (
+    OUT,
+    add_name_column,
+    fail,
+    note,
+    number_text,
+    plain_table,
+    say,
+    say_rest,
+    shown_rows,
+)
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import read_session
@@ -142,10 +150,7 @@ def _explain_origins(result: xr.Dataset) -> list[str]:
 def _tabulate(result: xr.Dataset, quantity: str) -> Table:
     """Standard deviations by point and axis [mm]."""
     names = [str(name) for name in result["point"].values]
-    table = Table(
-        title=Text(f"Standard deviation of {quantity} [mm], interval of 95 %"), title_justify="left",
-        box=box.SIMPLE_HEAD, padding=0, show_edge=False,
-    )  # fmt: skip
+    table = plain_table(f"Standard deviation of {quantity} [mm], interval of 95 %", dense=True)
     add_name_column(table, "point", names, room=_NAME_ROOM)
     table.add_column("axis", no_wrap=True)
     for column in ("one person", "from", "to", "between", "all", "from", "to", "stated"):

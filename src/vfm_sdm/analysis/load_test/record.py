@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.dataset_checks import check_variable
-from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_if_there, write_dataset
+from vfm_sdm.core.files import number_cell
+from vfm_sdm.core.netcdf import read_if_there, write_with_table
 
 __all__ = [
     "check_load_test",
@@ -161,7 +161,7 @@ def _write(file: Path, result: xr.Dataset, dim: str, of_dim: Sequence[str]) -> l
         for at in np.ndindex(*(len(labels) for labels in keys))
     ]
     header = [dim, "point", "axis", *(_with_unit(result, name) for name in (*of_dim, *names))]
-    return [write_dataset(file, result), write_file(file.with_suffix(".csv"), csv_text(header, rows))]
+    return write_with_table(file, result, header, rows)
 
 
 def _with_unit(result: xr.Dataset, name: str) -> str:
@@ -172,6 +172,4 @@ def _with_unit(result: xr.Dataset, name: str) -> str:
 
 
 def _text(value: object) -> str:
-    if not isinstance(value, float):
-        return str(value)
-    return f"{value:.6g}" if np.isfinite(value) else ""
+    return number_cell(value) if isinstance(value, float) else str(value)

@@ -5,6 +5,7 @@ import xarray as xr
 
 from vfm_sdm.analysis.load_test import drop_static, find_moved_static, read_load_test, read_passages_of_run
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.constants import KM_H
 from vfm_sdm.outputs.plots.drawing import BLUE, GREY, ORANGE, VERMILION
 from vfm_sdm.outputs.report.content import Block, Cell, Figure, Paragraph, Section, Table
 from vfm_sdm.outputs.report.drawing import WIDTH, Drawing, Panel, shorten, span_of
@@ -18,7 +19,6 @@ _MOST_POINTS, _MOST_CURVES = 40, 6
 _COLUMNS = 2
 _LEFT, _GAP, _PANEL, _TOP, _BOTTOM = 62.0, 84.0, 130.0, 22.0, 44.0
 _COLOURS = (BLUE, VERMILION, ORANGE, GREY)
-_KM_H = 3.6
 
 
 def describe_load_test(inputs: ReportInputs, language: Language) -> Section | None:
@@ -197,7 +197,7 @@ def _tabulate_passages(one: xr.Dataset, points: list[str], language: Language) -
                     Cell(
                         f"{language.write(float(passage['begin_s']), 1)} – {language.write(float(passage['end_s']), 1)}"
                     ),
-                    language.cell(_KM_H * float(passage["speed_m_s"]), 1),
+                    language.cell(KM_H * float(passage["speed_m_s"]), 1),
                     _with(float(passage["largest_total"]), float(passage["total_uncertainty"]), language),
                     _with(float(passage["largest_static"]), float(passage["static_uncertainty"]), language),
                     language.cell(float(passage["amplification"]), 3),
