@@ -8,6 +8,7 @@ import xarray as xr
 from scipy.stats import norm, t
 
 from vfm_sdm.analysis.load_test.levels import LEVEL_FREEDOM
+from vfm_sdm.core.arrays import FloatArray
 
 __all__ = ["MovedPoint", "drop_static", "find_moved_static"]
 
@@ -68,8 +69,8 @@ def find_moved_static(result: xr.Dataset, static: Collection[str]) -> tuple[Move
     -----
     Levels of steps, or the largest static displacement in a passage, over their standard uncertainty. As the largest of
     all points, axes, and steps or passages is looked at, the limit is that which noise exceeds in any of them with a
-    probability of 5 % (Bonferroni): of levels by Student's t, whose scatter is known with twelve degrees of freedom.
-    All axes count, whichever is shown: a camera that turns moves points along others, too.
+    probability of 5 % (Bonferroni): of levels by Student's t, whose scatter is known with twelve degrees of freedom; in
+    a passage as the largest of as many values as the static part has there, two in a period of the cutoff. All axes count, whichever is shown: a camera that turns moves points along others, too.
 
     Examples
     --------
@@ -80,7 +81,7 @@ def find_moved_static(result: xr.Dataset, static: Collection[str]) -> tuple[Move
     value, std, expanded = (one.transpose("point", "axis", dim).values for one in _levels(still))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.nan_to_num(np.abs(value) / std, nan=0.0, posinf=0.0)
-    tail = 1 - _CHANCE / 2 / max(np.count_nonzero(ratio), 1)
+    tail = 1 - _CHANCE / 2 / max(float(_count_values(still)[ratio > 0].sum()), 1.0)
     limit = t.ppf(tail, LEVEL_FREEDOM) if dim == "step" else norm.ppf(tail)
     moved = []
     for p, of_point in enumerate(ratio):
@@ -90,6 +91,15 @@ def find_moved_static(result: xr.Dataset, static: Collection[str]) -> tuple[Move
             one = MovedPoint(*names, int(n) + 1, float(value[p, a, n]), float(expanded[p, a, n]))
             moved.append((float(of_point[a, n]), one))
     return tuple(one for _, one in sorted(moved, key=lambda pair: -pair[0]))
+
+
+def _count_values(result: xr.Dataset) -> FloatArray:
+    """Values that do not depend on each other, of which a level is the largest, shape (P, A, N)."""
+    if "deflection" in result:
+        return np.ones([result.sizes[dim] for dim in ("point", "axis", "step")])
+    duration = result["end_s"] - result["begin_s"]
+    values = (2 * result["cutoff"] * duration).transpose("point", "axis", "passage").values
+    return np.maximum(np.nan_to_num(values), 1.0)
 
 
 def _levels(result: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray, xr.DataArray]:
