@@ -115,7 +115,7 @@ def find_plateaus(time_s: FloatArray, series: FloatArray, count: int) -> list[tu
         )
     edges = np.linspace(0, len(time_s), blocks + 1).astype(int)
     scaled = _scale_blocks(np.stack([_block_mean(series[a:b]) for a, b in pairwise(edges)]))
-    seen = np.isfinite(scaled).any(axis=1)
+    seen = np.asarray(np.isfinite(scaled).any(axis=1))
     if seen.sum() < 3 * count:
         raise DatasetError(
             f"load test: expected a recording in which {count} steps are seen, got {seen.mean():.0%} of it with points "

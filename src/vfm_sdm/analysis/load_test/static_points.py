@@ -70,7 +70,8 @@ def find_moved_static(result: xr.Dataset, static: Collection[str]) -> tuple[Move
     Levels of steps, or the largest static displacement in a passage, over their standard uncertainty. As the largest of
     all points, axes, and steps or passages is looked at, the limit is that which noise exceeds in any of them with a
     probability of 5 % (Bonferroni): of levels by Student's t, whose scatter is known with twelve degrees of freedom; in
-    a passage as the largest of as many values as the static part has there, two in a period of the cutoff. All axes count, whichever is shown: a camera that turns moves points along others, too.
+    a passage as the largest of as many values as the static part has there, two in a period of the cutoff.
+    All axes count, whichever is shown: a camera that turns moves points along others, too.
 
     Examples
     --------
@@ -99,7 +100,7 @@ def _count_values(result: xr.Dataset) -> FloatArray:
         return np.ones([result.sizes[dim] for dim in ("point", "axis", "step")])
     duration = result["end_s"] - result["begin_s"]
     values = (2 * result["cutoff"] * duration).transpose("point", "axis", "passage").values
-    return np.maximum(np.nan_to_num(values), 1.0)
+    return np.asarray(np.maximum(np.nan_to_num(values), 1.0))
 
 
 def _levels(result: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray, xr.DataArray]:
