@@ -8,7 +8,6 @@ from typing import Annotated
 import cyclopts
 import numpy as np
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -25,7 +24,7 @@ from vfm_sdm.analysis.acceptance import (
     read_steps,
     write_acceptance,
 )
-from vfm_sdm.commands.terminal import OUT, Ending, note, say, shown_rows
+from vfm_sdm.commands.terminal import OUT, Ending, note, plain_table, say, shown_rows
 from vfm_sdm.core.statuses import Outcome
 from vfm_sdm.stages.cameras.solution import read_solution
 from vfm_sdm.studies.verification import read_budget_model, verify_run
@@ -135,7 +134,7 @@ def _finish(run: AcceptedRun, result: Acceptance) -> None:
 def _tabulate(result: Acceptance) -> Table:
     """Every figure beside its limit."""
     title = Text(f"Acceptance: {result.name}; limits: {result.limits}")
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = plain_table(title)
     for name in ("of", "figure", "value", "limit", "unit", ""):
         table.add_column(Text(name), justify="right" if name in ("value", "limit") else "left")
     rows = _shown(result.rows)

@@ -8,13 +8,12 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.options import WorkerOptions
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import ERR, OUT, Ending, say, say_json
+from vfm_sdm.commands.terminal import ERR, OUT, Ending, plain_table, say, say_json
 from vfm_sdm.core.statuses import SessionOutcome, Verdict
 from vfm_sdm.inputs.session import read_defaults
 from vfm_sdm.studies.batch import BatchRow, batch, find_sessions
@@ -77,7 +76,7 @@ def _ending(rows: Sequence[BatchRow]) -> Ending:
 def _tabulate(rows: Sequence[BatchRow]) -> Table:
     """A line a session: verdict, points that were measured, worst uncertainty and of what, time."""
     title = Text("Sessions; worst uncertainty of a peak-to-peak (k = 2) in mm")
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     for name in ("session", "verdict", "points", "+- mm", "worst at", "time s"):
         words = name in ("session", "verdict", "worst at")
         table.add_column(Text(name), justify="left" if words else "right", overflow="fold", no_wrap=not words)

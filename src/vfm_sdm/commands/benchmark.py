@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich import box
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import OUT, number_text, say
+from vfm_sdm.commands.terminal import OUT, number_text, plain_table, say
 from vfm_sdm.studies.protocol import Benchmark, run_benchmark
 from vfm_sdm.studies.protocol import Table as ProtocolTable
 from vfm_sdm.studies.synthetic.presets import PRESETS, PresetName
@@ -53,7 +52,7 @@ def _tabulate(benchmark: Benchmark) -> Iterator[RenderableType]:
 
 
 def _score_table(title: Text, source: ProtocolTable, suffix: str) -> Table:
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     chosen = [n for n, name in enumerate(source.columns) if n < _CASE_COLUMNS or name.endswith(suffix)]
     for n in chosen:
         name = source.columns[n].removesuffix(suffix)

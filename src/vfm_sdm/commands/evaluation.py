@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -21,7 +20,17 @@ from vfm_sdm.analysis.evaluation import (
     write_reference,
 )
 from vfm_sdm.commands.options import name_values
-from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
+from vfm_sdm.commands.terminal import (
+    OUT,
+    add_name_column,
+    fail,
+    note,
+    number_text,
+    plain_table,
+    say,
+    say_rest,
+    shown_rows,
+)
 from vfm_sdm.core.sensor_datasets import SensorUnits
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings
 from vfm_sdm.inputs.sensors.outliers import HampelUse
@@ -135,7 +144,7 @@ def reference_table(reference: xr.Dataset) -> Table:
     title = Text(
         f"Reference displacement, {low:g} to {high:g} Hz, onset {reference.attrs.get('onset_status', 'given')}"
     )
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     axes = [str(axis) for axis in reference["axis"].values]
     for name in ("sensor", "onset [s]", "samples", "outliers", *(f"{axis} p-p [mm]" for axis in axes)):
         if name == "sensor":
@@ -166,7 +175,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     lag = evaluation.synchronization
     if lag is not None and lag.ok:
         title += f", lag {1e3 * lag.lag_s:.1f} +- {1e3 * lag.lag_std_s:.1f} ms"
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=0)
+    table = plain_table(title, dense=True)
     add_name_column(table, "point", [row.point for row in evaluation.rows])
     table.add_column("axis", no_wrap=True)
     for name in ("NRMSE", "corr.", "RPPAE", "gain", "skill", "lag ms", "cover %", "RMS mm"):

@@ -6,14 +6,14 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.field import NOT_OF_STRUCTURE, compute_field, extreme_times, write_field
 from vfm_sdm.commands.runs import read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, note, number_text, say
+from vfm_sdm.commands.terminal import OUT, note, number_text, plain_table, say
 from vfm_sdm.core.arrays import LumaArray
+from vfm_sdm.core.constants import NORMAL_95
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.errors import DatasetError, VfmSdmError
 from vfm_sdm.inputs.session import read_session
@@ -30,7 +30,6 @@ __all__ = ["field_command"]
 _LINES = 9
 """Stations that the table lists."""
 _NAMED = 8
-_COVERAGE = 1.96
 
 
 def field_command(
@@ -103,13 +102,7 @@ def _draw_over(
 
 def _tabulate(frame: xr.Dataset, axis: str) -> Table:
     """The line at one time, at some stations."""
-    table = Table(
-        title=Text(f"Deflection line at {float(frame['time']):.2f} s in mm, {axis}; +- 95 %"),
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        show_edge=False,
-    )
+    table = plain_table(f"Deflection line at {float(frame['time']):.2f} s in mm, {axis}; +- 95 %")
     for column in ("station [m]", "mm", "+-", "common +-"):
         table.add_column(Text(column), justify="right")
     one = frame.sel(axis=axis)
@@ -118,7 +111,7 @@ def _tabulate(frame: xr.Dataset, axis: str) -> Table:
         table.add_row(
             f"{float(here['station']):.2f}",
             number_text(float(here["displacement"]), "{:.3f}"),
-            *(number_text(float(here[name]), "{:.3f}", _COVERAGE) for name in ("displacement_std", "common_std")),
+            *(number_text(float(here[name]), "{:.3f}", NORMAL_95) for name in ("displacement_std", "common_std")),
         )
     return table
 

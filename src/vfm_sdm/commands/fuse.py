@@ -1,29 +1,33 @@
 """The command ``fuse``: one displacement from standstill to a sensor's band, of video and accelerometer."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from vfm_sdm.analysis.fusion import FusionSettings, fuse, read_session_acceleration, write_fusion
+from vfm_sdm.analysis.fusion import (
+    FusionSettings,
+    fuse,
+    read_session_acceleration,
+    search_about_start,
+    write_fusion,
+)
 from vfm_sdm.commands.runs import read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, fail, note, number_text, say
+from vfm_sdm.commands.terminal import OUT, fail, note, number_text, plain_table, say
+from vfm_sdm.core.constants import NORMAL_95
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.core.statuses import FusionStatus
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.outputs.plots import describe_run
 from vfm_sdm.outputs.plots.fusion import draw_fusion
-from vfm_sdm.stages.synchronize import LagSearch
 
 __all__ = ["fuse_command"]
-
-_COVERAGE = 1.96
 
 
 def fuse_command(
@@ -34,10 +38,17 @@ def fuse_command(
     session: Annotated[
         Path | None, Parameter(help="Session file that names the sensor, where that of the run does not.")
     ] = None,
-    search: Annotated[float, Parameter(help="Seconds around --start-lag in which the lag is searched.")] = 5.0,
+    search: Annotated[
+        float | None,
+        Parameter(help="Seconds around --start-lag in which the lag is searched; 5, or 2 by start times."),
+    ] = None,
     start_lag: Annotated[
-        float, Parameter(help="How much later the sensor's clock shows an event, in seconds, as far as known.")
-    ] = 0.0,
+        float | None,
+        Parameter(
+            help="How much later the sensor's clock shows an event, in seconds, as far as known; by the start times of "
+            "video and sensor where the session has both, else 0."
+        ),
+    ] = None,
 ) -> None:
     """Fuse a point's displacement with an accelerometer: from standstill to the sensor's band, at the sensor's rate.
 
@@ -49,7 +60,10 @@ def fuse_command(
         raise SessionError(f"{file}: expected a session that names the sensor, got none; name it with --session")
     known = read_session(file, check_files=False)
     acceleration, point = read_session_acceleration(known, sensor)
-    settings = FusionSettings(search=LagSearch(search, start_lag))
+    settings = FusionSettings()
+    if search is not None or start_lag is not None:
+        about = search_about_start(displacement, acceleration, start_lag_s=start_lag)
+        settings = FusionSettings(search=about if search is None else replace(about, search_s=search))
     static = [one.name for one in known.point if one.static]
     fused = fuse(displacement, acceleration, point, axes=axis, static=static, settings=settings)
     if fused.attrs["status"] != FusionStatus.OK:
@@ -70,7 +84,7 @@ def _tabulate(fused: xr.Dataset) -> Table:
         f"{fused.attrs['point']} with {fused.attrs['sensor']}: {low:g} to {high:.0f} Hz, "
         f"{fused.attrs['sampling_rate_hz']:.0f} values a second; +- 95 %"
     )
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     axes = [str(axis) for axis in fused["axis"].values]
     table.add_column("quantity")
     for axis in axes:
@@ -85,7 +99,7 @@ def _tabulate(fused: xr.Dataset) -> Table:
     for words, name, std, factor, form in rows:
         cells = [number_text(float(fused[name].sel(axis=axis)), form, factor) for axis in axes]
         if std is not None:
-            spreads = [number_text(float(fused[std].sel(axis=axis)), form, factor * _COVERAGE) for axis in axes]
+            spreads = [number_text(float(fused[std].sel(axis=axis)), form, factor * NORMAL_95) for axis in axes]
             cells = [f"{cell} +- {spread}" for cell, spread in zip(cells, spreads, strict=True)]
         table.add_row(Text(words), *cells)
     for words, chosen in (("noise, fused [mm]", 0), ("noise, bridged [mm]", 1)):

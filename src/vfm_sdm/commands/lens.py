@@ -5,10 +5,9 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 
-from vfm_sdm.commands.terminal import ERR, OUT, fail, note, say
+from vfm_sdm.commands.terminal import ERR, OUT, fail, note, plain_table, say
 from vfm_sdm.core.files import write_file
 from vfm_sdm.core.threads import small_algebra
 from vfm_sdm.inputs.video import Video, open_video
@@ -66,7 +65,7 @@ def _tabulate(known: KnownLens, estimate: LensEstimate) -> Table:
     (width, height), K = camera.image_size, camera.K
     corner = camera.normalize([[0.0, 0.0]])[0]
     straight = K[:2, :2] @ corner + K[:2, 2]
-    table = Table(title=f"Lens of {width} x {height} px", title_justify="left", box=box.SIMPLE_HEAD)
+    table = plain_table(f"Lens of {width} x {height} px")
     for name in ("", "value", "std"):
         table.add_column(name, justify="left" if not name else "right")
     table.add_row("focal length", f"{camera.focal_px:.1f} px", f"{std[0] * camera.focal_px:.1f} px = {std[0]:.2%}")

@@ -6,13 +6,22 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from vfm_sdm.analysis.load_test import Limits, judge_load_test, read_steps, write_load_test
-from vfm_sdm.commands.runs import about_run, check_elsewhere, read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
+from vfm_sdm.analysis.load_test import Limits, drop_static, judge_load_test, read_steps, write_load_test
+from vfm_sdm.commands.runs import about_run, check_elsewhere, note_static, read_run, save_figure
+from vfm_sdm.commands.terminal import (
+    OUT,
+    add_name_column,
+    fail,
+    note,
+    number_text,
+    plain_table,
+    say,
+    say_rest,
+    shown_rows,
+)
 from vfm_sdm.outputs.plots.load_test import draw_load_test
 
 __all__ = ["load_test"]
@@ -39,17 +48,19 @@ def load_test(
     check_elsewhere(steps, run / "load_test.csv")
     plan = read_steps(steps)
     displacement, notes = read_run(run, axis)
-    result = judge_load_test(displacement, plan, Limits(ratio, residual))
-    for table in _tabulate(result.sel(axis=axis)):
+    about = about_run(run)
+    result = judge_load_test(displacement, plan, Limits(ratio, residual), static=about.static)
+    shown = drop_static(result, about.static)
+    for table in _tabulate(shown.sel(axis=axis)):
         OUT.print(table)
-    note(notes)
+    note([*notes, *note_static(result, about.static, "load_test.csv")])
     if result.attrs["stillness"] == "found":
         note(["when each step stood was found in the displacement: compare begin and end with the notes of the test"])
-    figure = draw_load_test(displacement, result, axis, about_run(run))
+    figure = draw_load_test(displacement, shown, axis, about)
     written = [*write_load_test(run, result), save_figure(figure, run, "load_test")]
     say(f"written: {', '.join(map(str, written))}")
-    if not np.isfinite(result["deflection"].sel(axis=axis).values[1:]).any():
-        fail(f"no level is known along {axis}: too few samples are ok while the steps stood")
+    if not np.isfinite(shown["deflection"].sel(axis=axis).values[1:]).any():
+        fail(f"no level is known along {axis}: too few samples of points that may move are ok while the steps stood")
 
 
 def _tabulate(result: xr.Dataset) -> list[Table]:
@@ -108,7 +119,7 @@ def _tabulate(result: xr.Dataset) -> list[Table]:
 
 
 def _table(title: Text, names: list[str], columns: tuple[str, ...]) -> Table:
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     add_name_column(table, "point", names)
     for column in columns:
         table.add_column(Text(column), justify="right")

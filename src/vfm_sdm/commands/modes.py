@@ -5,17 +5,17 @@ from typing import Annotated
 
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.modal import ModalOptions, identify_modes, write_modes
 from vfm_sdm.commands.runs import about_run, read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, fail, note, number_text, say
+from vfm_sdm.commands.terminal import OUT, fail, note, number_text, plain_table, say
+from vfm_sdm.core.datasets import IMAGE_PLANE
 from vfm_sdm.core.files import write_file
 from vfm_sdm.outputs.plots import About
 from vfm_sdm.outputs.plots.modes import animate_mode, draw_shapes, draw_stabilisation
-from vfm_sdm.outputs.results.universal_modes import write_modes_uff
+from vfm_sdm.outputs.results.universal_modes import trace_order, write_modes_uff
 
 __all__ = ["modes"]
 
@@ -26,8 +26,8 @@ def modes(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     *,
     axis: Annotated[
-        tuple[str, ...], Parameter(help="Axis that counts; name it again for more. All three by default.")
-    ] = _OPTIONS.axes,
+        tuple[str, ...], Parameter(help="Axis that counts; name it again for more. All that were measured by default.")
+    ] = (),
     band: Annotated[
         tuple[float, float] | None,
         Parameter(
@@ -46,12 +46,13 @@ def modes(
     """  # fmt: skip
     displacement, notes = read_run(run)
     about = about_run(run)
-    options = ModalOptions(axis, band, most, order)
+    options = ModalOptions(axis or None, band, most, order)
     found = identify_modes(displacement, options, static=about.static)
     low, high = found.attrs["band_hz"]
     say(
-        f"{found.attrs['channels']} channels, {found.attrs['duration_s']:.1f} s at "
-        f"{found.attrs['sampling_rate_hz']:.4g} Hz, band {low:.3g} to {high:.3g} Hz; {found.attrs['detrending']}"
+        f"{found.attrs['channels']} channels along {found.attrs['axes']}, {found.attrs['duration_s']:.1f} s at "
+        f"{found.attrs['sampling_rate_hz']:.4g} Hz, band {low:.3g} to {high:.3g} Hz, order up to "
+        f"{found.attrs['highest_order']}; {found.attrs['detrending']}"
     )
     OUT.print(_tabulate(found))
     note([*notes, *_notes(found)])
@@ -62,10 +63,7 @@ def modes(
 
 
 def _tabulate(found: xr.Dataset) -> Table:
-    table = Table(
-        title=Text("Modes, with 95 % intervals"), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0),
-        show_edge=False,
-    )  # fmt: skip
+    table = plain_table("Modes, with 95 % intervals")
     for column in ("mode", "Hz", "from", "to", "damping %", "from", "to", "MPC", "rms mm"):
         table.add_column(Text(column), justify="right", overflow="fold")
     table.add_column(Text("status"), overflow="fold", min_width=9)
@@ -85,6 +83,15 @@ def _tabulate(found: xr.Dataset) -> Table:
 def _notes(found: xr.Dataset) -> list[str]:
     left = [f"{one['frequency_hz']:.3f} Hz ({one['reason']})" for one in found.attrs["left_out"]]
     notes = [f"left out: {', '.join(left)}"] if left else []
+    if len(trace_order(found["position"].transpose("point", "axis").values)) < 2:
+        notes.append("the places of the points are not known: shapes are drawn by point, and there are no films")
+    used, asked = found.attrs["highest_order"], found.attrs["order_asked"]
+    if used < asked - asked % 2:
+        notes.append(f"the order of the model is {used} at most, not {asked}: channels and record allow no more")
+    if found.attrs["frame"] == IMAGE_PLANE:
+        notes.append(
+            "one view: modes are those of the motion in the picture; what moves towards the camera is not seen"
+        )
     if found.attrs["filled_share"] > 0:
         notes.append(
             f"{100 * found.attrs['filled_share']:.1f} % of samples were not ok and were filled by straight lines"
@@ -101,7 +108,7 @@ def _draw(run: Path, found: xr.Dataset, about: About, *, animate: bool) -> list[
     if not found.sizes["mode"]:
         return written
     written.append(write_modes_uff(run / "modes.uff", found))
-    if animate:
+    if animate and len(trace_order(found["position"].transpose("point", "axis").values)) > 1:
         written += [
             write_file(run / "figures" / f"mode_{mode}.gif", animate_mode(found.sel(mode=mode), about))
             for mode in found["mode"].values

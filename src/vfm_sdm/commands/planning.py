@@ -6,13 +6,12 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
-from rich import box
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import OUT, fail, say
+from vfm_sdm.commands.terminal import OUT, fail, plain_table, say
 from vfm_sdm.studies.planning.advice import view_angles
 from vfm_sdm.studies.planning.from_run import plan_from_run
 from vfm_sdm.studies.planning.plan import read_plan
@@ -81,7 +80,7 @@ def _further_tables(report: PlanReport) -> Iterator[RenderableType]:
 
 def _table(title: str, names: tuple[str, ...], *, text: int) -> Table:
     """A table whose first columns are text and the others numbers."""
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     for number, name in enumerate(names):
         table.add_column(Text(name), justify="left" if number < text else "right", overflow="fold")
     return table

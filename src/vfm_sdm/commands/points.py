@@ -6,12 +6,11 @@ from typing import Annotated
 import cyclopts
 import numpy as np
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import OUT, fail, note, say, say_rest, shown_rows
+from vfm_sdm.commands.terminal import OUT, fail, note, plain_table, say, say_rest, shown_rows
 from vfm_sdm.errors import CameraError, DatasetError, SessionError
 from vfm_sdm.inputs.session import read_session, write_session
 from vfm_sdm.studies.planning.suggested_picture import write_picture
@@ -52,7 +51,7 @@ def suggest(
 def _tabulate(found: Suggestion) -> Table:
     """The points with what they should measure."""
     title = "Suggested points; std and expanded uncertainty U (k = 2) of a sample: lateral, vertical, longitudinal"
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     for name in ("point", "along [m]", "std [mm]", "U [mm]", "subset", "why"):
         words = name in ("point", "why")
         table.add_column(Text(name), justify="left" if words else "right", overflow="fold", no_wrap=not words)

@@ -7,13 +7,21 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 from cyclopts import Parameter
-from rich import box
 from rich.table import Table
-from rich.text import Text
 
 from vfm_sdm.analysis.repeatability import QUANTITIES, RepeatedRun, compare_runs, write_repeatability
 from vfm_sdm.commands.runs import about_run, read_run, save_figure
-from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
+from vfm_sdm.commands.terminal import (
+    OUT,
+    add_name_column,
+    fail,
+    note,
+    number_text,
+    plain_table,
+    say,
+    say_rest,
+    shown_rows,
+)
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import read_session
@@ -54,7 +62,7 @@ def repeat(
     for run, name, person in zip(runs, _short_names(runs), named, strict=True):
         displacement, of_run = read_run(run)
         notes += [f"{name}: {text}" for text in of_run]
-        opened.append(RepeatedRun(name, person or name, displacement, _films(run)))
+        opened.append(RepeatedRun(name, person or name, displacement, _films(run), _still_interval(run)))
     result = compare_runs(opened)
     OUT.print(_tabulate(result.sel(quantity=quantity), quantity))
     if not persons and not any(named):
@@ -84,6 +92,11 @@ def _films(run: Path) -> dict[str, str]:
     return {str(name): str(value) for name, value in hashes.items() if Path(str(name)).name not in others}
 
 
+def _still_interval(run: Path) -> tuple[float, float] | None:
+    file = run / SESSION
+    return read_session(file, check_files=False).method.still_interval_s if file.is_file() else None
+
+
 def _short_names(runs: list[Path]) -> list[str]:
     """Names of the folders; where two are alike, with as much of their paths as tells them apart."""
     parts = [run.resolve().parts for run in runs]
@@ -102,6 +115,7 @@ def _explain(result: xr.Dataset) -> list[str]:
         texts.append("all runs are one person's: only repeatability is known")
     elif max(people.values()) == 1:
         texts.append("nobody measured twice: only reproducibility is known")
+    texts += _explain_origins(result)
     over = result["consistency"].sel(quantity="displacement")
     wrong = [
         (float(over.sel(point=p, axis=a)), f"{a} of {p}") for p in over["point"].values for a in over["axis"].values
@@ -114,13 +128,29 @@ def _explain(result: xr.Dataset) -> list[str]:
     return texts
 
 
+def _explain_origins(result: xr.Dataset) -> list[str]:
+    """What runs measure from, where it is not the same: they differ by a constant then, whoever measured."""
+    texts = []
+    for name, words in (
+        ("origin", "displacement is relative to something else"),
+        ("start", "time is zero at other dates"),
+    ):
+        stated = [str(one) or "not stated" for one in result[name].values]
+        if len(set(stated)) > 1:
+            listed = "; ".join(f"{run}: {one}" for run, one in zip(result["run"].values, stated, strict=True))
+            texts.append(f"{words} from run to run ({listed})")
+    points = result["point"].values[result["first_frame_differs"].values.astype(bool)]
+    if points.size:
+        texts.append(f"the first valid sample is not of the same frame in all runs: {', '.join(map(str, points[:5]))}")
+    if points.size or len(set(result["origin"].values.tolist())) > 1:
+        texts.append("what differs by a constant from run to run is not in peak_to_peak: compare that")
+    return texts
+
+
 def _tabulate(result: xr.Dataset, quantity: str) -> Table:
     """Standard deviations by point and axis [mm]."""
     names = [str(name) for name in result["point"].values]
-    table = Table(
-        title=Text(f"Standard deviation of {quantity} [mm], interval of 95 %"), title_justify="left",
-        box=box.SIMPLE_HEAD, padding=0, show_edge=False,
-    )  # fmt: skip
+    table = plain_table(f"Standard deviation of {quantity} [mm], interval of 95 %", dense=True)
     add_name_column(table, "point", names, room=_NAME_ROOM)
     table.add_column("axis", no_wrap=True)
     for column in ("one person", "from", "to", "between", "all", "from", "to", "stated"):

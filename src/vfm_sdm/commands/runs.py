@@ -1,11 +1,13 @@
 """What commands that look into a finished run share: its displacement, what is said of it, and a place for figures."""
 
+from collections.abc import Collection
 from io import BytesIO
 from pathlib import Path
 
 import xarray as xr
 from matplotlib.figure import Figure
 
+from vfm_sdm.analysis.load_test import find_moved_static
 from vfm_sdm.core.files import write_file
 from vfm_sdm.core.netcdf import read_displacement
 from vfm_sdm.core.run_folder import SESSION, RunFolder
@@ -13,7 +15,7 @@ from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.outputs.plots import About, describe_run
 
-__all__ = ["about_run", "check_elsewhere", "read_run", "save_figure"]
+__all__ = ["about_run", "check_elsewhere", "note_static", "read_run", "save_figure"]
 
 _DPI = 120
 
@@ -61,6 +63,31 @@ def check_elsewhere(table: Path, written: Path) -> None:
         raise DatasetError(
             f"{table}: expected a table elsewhere than where results are written, got the same file; rename it"
         )
+
+
+def note_static(result: xr.Dataset, static: Collection[str], where: str) -> list[str]:
+    """What is said of the points of a load test or of passages that must not move and are not shown.
+
+    Parameters
+    ----------
+    result
+        Of `vfm_sdm.analysis.load_test.judge_load_test` or `vfm_sdm.analysis.load_test.judge_passages`.
+    static
+        Names of the points that must not move.
+    where
+        File that holds all points.
+    """
+    left = sum(str(name) in static for name in result["point"].values)
+    if not left:
+        return []
+    words = "1 static point is" if left == 1 else f"{left} static points are"
+    dim = "step" if "deflection" in result else "passage"
+    moved = [
+        f"static point {one.point} moved by {one.value_mm:.3f} +- {one.expanded_mm:.3f} mm along {one.axis} in {dim} "
+        f"{one.number}: a camera moved, or the point did; other points may be wrong by as much"
+        for one in find_moved_static(result, static)
+    ]
+    return [f"{words} left out of table and figure; all in {where}", *moved]
 
 
 def about_run(run: Path) -> About:

@@ -6,12 +6,11 @@ from datetime import timedelta
 
 import numpy as np
 import xarray as xr
-from rich import box
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vfm_sdm.commands.terminal import add_name_column, number_text, say_rest, shown_rows
+from vfm_sdm.commands.terminal import add_name_column, number_text, plain_table, say_rest, shown_rows
 from vfm_sdm.core.datasets import STATUS_MEANINGS, Status
 from vfm_sdm.core.grids import without_grids
 from vfm_sdm.core.statuses import CameraStatus, Outcome, PointStatus, RevisitStatus, Verdict
@@ -129,9 +128,7 @@ def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[R
     """Status, adjusted quantities beside what was known before, and points that were not found."""
     style = "green" if solution.status == CameraStatus.OK else "red"
     yield Text(f"cameras: {solution.status}", style=style)
-    table = Table(
-        title="Adjustment to the site", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False
-    )
+    table = plain_table("Adjustment to the site")
     for name in ("quantity", "before", "std", "adjusted", "std", "unit"):
         table.add_column(Text(name), justify="left" if name in ("quantity", "unit") else "right")
     for q in solution.quantities:
@@ -155,7 +152,7 @@ def camera_report(solution: CameraSolution, *, notes: bool = True) -> Iterator[R
 def revisit_table(revisit: Revisit) -> Table:
     """Change of rest position of each point with its expanded uncertainty (k = 2), or why there is none."""
     title = f"Change of rest position since {revisit.baseline!r} in mm, +- k=2"
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table(title)
     add_name_column(table, "point", [one.point for one in revisit.changes])
     for axis in revisit.axes:
         table.add_column(Text(axis), justify="right", overflow="fold")
@@ -182,13 +179,7 @@ def _explain_revisit(revisit: Revisit) -> Iterator[str]:
 
 def expectation_table(expected: Mapping[str, xr.Dataset]) -> Table:
     """What named points should measure: a line a view and point, with what to do where that is little."""
-    table = Table(
-        title="Expected of the points, before anything is measured (std of one frame)",
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        show_edge=False,
-    )
+    table = plain_table("Expected of the points, before anything is measured (std of one frame)")
     for name in ("view", "point", "expected"):
         table.add_column(Text(name))
     for view, subsets in expected.items():
@@ -201,13 +192,7 @@ def expectation_table(expected: Mapping[str, xr.Dataset]) -> Table:
 
 def displacement_table(displacement: xr.Dataset) -> Table:
     """Peak-to-peak with its uncertainty (k = 2), detection limit, scale, frequency and valid share a point and axis."""
-    table = Table(
-        title=Text(f"Displacement in mm, axes of the {displacement.attrs['frame']}"),
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=0,
-        show_edge=False,
-    )
+    table = plain_table(f"Displacement in mm, axes of the {displacement.attrs['frame']}", dense=True)
     for name in (
         "point",
         "axis",
@@ -241,13 +226,7 @@ def displacement_table(displacement: xr.Dataset) -> Table:
 
 def budget_table(displacement: xr.Dataset) -> Table:
     """Components of the uncertainty of a sample a point and axis, root mean square over time, and all at k = 2."""
-    table = Table(
-        title=Text("Uncertainty budget in mm (k = 1, root mean square over time)"),
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=0,
-        show_edge=False,
-    )
+    table = plain_table("Uncertainty budget in mm (k = 1, root mean square over time)", dense=True)
     components = [str(name) for name in displacement["component"].values]
     add_name_column(table, "point", without_grids(displacement)["point"].values, room=_ROOM_BESIDE_BUDGET)
     table.add_column(Text("axis"), no_wrap=True)
@@ -274,7 +253,7 @@ def _first(dataset: xr.Dataset) -> xr.Dataset:
 
 def track_table(tracks: Mapping[str, xr.Dataset]) -> Table:
     """Motion in pixels and frames by status, a view and point."""
-    table = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table("Tracks")
     for name in ("view", "point", "range u [px]", "range v [px]", "median std [px]", *STATUS_MEANINGS[:4]):
         if name == "point":
             add_name_column(table, name, [p for of_view in tracks.values() for p in of_view["point"].values])

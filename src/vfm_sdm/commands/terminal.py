@@ -10,6 +10,7 @@ from contextvars import ContextVar
 from enum import IntEnum
 from typing import Any, NoReturn
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -26,6 +27,7 @@ __all__ = [
     "fail",
     "note",
     "number_text",
+    "plain_table",
     "say",
     "say_json",
     "say_rest",
@@ -214,6 +216,27 @@ def say_rest(table: Table, count: int, where: str) -> Table:
     if left > 0:
         table.caption, table.caption_justify = Text(f"... and {left} more points; all in {where}"), "left"
     return table
+
+
+def plain_table(title: str | Text = "", *, dense: bool = False) -> Table:
+    """A table as all commands print them: a rule below the headings and no other lines, columns yet to be added.
+
+    Parameters
+    ----------
+    title
+        What stands above it, as it is; nothing when empty.
+    dense
+        Whether nothing is left between columns, where many have to stand in a line.
+
+    Examples
+    --------
+    >>> table = plain_table("Points [1]")
+    >>> table.title.plain, table.columns
+    ('Points [1]', [])
+    """
+    above = Text(title) if isinstance(title, str) else title
+    padding = 0 if dense else (0, 1, 0, 0)
+    return Table(title=above or None, title_justify="left", box=box.SIMPLE_HEAD, padding=padding, show_edge=False)
 
 
 def add_name_column(table: Table, title: str, names: Iterable[str], *, room: int = _NAME_WIDTH) -> None:

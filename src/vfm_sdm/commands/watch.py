@@ -11,14 +11,13 @@ from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
-from rich import box
 from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.options import name_values
-from vfm_sdm.commands.terminal import OUT, note, say_json
+from vfm_sdm.commands.terminal import OUT, note, plain_table, say_json
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import SessionError
 from vfm_sdm.inputs.session import read_session
@@ -182,7 +181,7 @@ def _report_view(view: ViewNow, rows: int) -> Iterator[RenderableType]:
 
 
 def _point_table(points: Sequence[PointNow], rows: int) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table()
     table.add_column(Text("point"), overflow="fold")
     for name in ("u, v px", "p-p px", "p-p mm", "S/N", "lost"):
         table.add_column(Text(name), justify="right", no_wrap=True)

@@ -5,13 +5,12 @@ from typing import Annotated
 
 import cyclopts
 from cyclopts import Parameter
-from rich import box
 from rich.prompt import Confirm
 from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.commands.progress import show_progress
-from vfm_sdm.commands.terminal import ERR, OUT, say
+from vfm_sdm.commands.terminal import ERR, OUT, plain_table, say
 from vfm_sdm.networks.checkpoints import CHECKPOINTS
 from vfm_sdm.networks.weights import fetch_weights, is_licence_accepted, local_weights, weights_folder
 
@@ -61,7 +60,7 @@ def _acknowledged(name: str) -> bool:
 
 def weights_table() -> Table:
     """Network, size and licence of every checkpoint, and whether its file is here or how it can be had."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = plain_table()
     for name in ("name", "network", "size", "licence", "here"):
         table.add_column(Text(name), justify="right" if name == "size" else "left")
     for name, one in CHECKPOINTS.items():

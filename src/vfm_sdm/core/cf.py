@@ -10,8 +10,8 @@ __all__ = ["CONVENTIONS", "described", "undescribed"]
 CONVENTIONS: Final = "CF-1.11"
 _POSITIVE = {
     "structure": (
-        "lateral: away from the reference camera, vertical: down, longitudinal: along the structure, so that the three "
-        "are right-handed"
+        "lateral: away from the reference camera, vertical: down, longitudinal: along the structure, to the left for "
+        "one who faces it from the reference camera's side (right-handed)"
     ),
     "reference camera": "right, down and forward, as seen by the reference camera",
     "image plane": "right and down in the picture",

@@ -38,6 +38,8 @@ from vfm_sdm.errors import DatasetError
 
 __all__ = [
     "CAMERA_AXES",
+    "FIRST_SAMPLE",
+    "IMAGE_PLANE",
     "PIXEL",
     "START",
     "STATUS_MEANINGS",
@@ -63,6 +65,10 @@ START = "time_coverage_start"
 """Attribute of tracks and displacement with the date and time of time zero, where the session states it (ISO 8601)."""
 STRUCTURE_AXES = ("lateral", "vertical", "longitudinal")
 CAMERA_AXES = ("right", "down", "forward")
+FIRST_SAMPLE = "first valid sample"
+"""What displacement is relative to where no still interval is stated: attribute ``relative_to``."""
+IMAGE_PLANE = "image plane"
+"""Frame of the displacement of a single view, in the picture."""
 UNMEASURED_STD_PX = 1000.0
 """Standard deviation of a position along an edge, where nothing is measured: the size of a picture [px]."""
 STATUS_MEANINGS = tuple(str(status) for status in SampleStatus)

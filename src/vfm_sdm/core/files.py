@@ -4,6 +4,7 @@ import csv
 import hashlib
 import io
 import json
+import math
 import re
 import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,6 +24,7 @@ __all__ = [
     "file_stem",
     "match_files",
     "natural_key",
+    "number_cell",
     "remove_orphans",
     "replace_file",
     "write_file",
@@ -232,6 +234,22 @@ def file_fingerprint(path: Path | str, *, whole: bool = False) -> str:
             stream.seek((status.st_size - _SAMPLE_BYTES) * number // (_SAMPLES - 1))
             digest.update(stream.read(_SAMPLE_BYTES))
     return f"sampled-{digest.hexdigest()}"
+
+
+def number_cell(value: float) -> str:
+    """A number as a cell of `csv_text`, to six digits; nothing where it is not finite.
+
+    Parameters
+    ----------
+    value
+        The number, in any unit.
+
+    Examples
+    --------
+    >>> number_cell(1 / 3), number_cell(float("nan"))
+    ('0.333333', '')
+    """
+    return f"{value:.6g}" if math.isfinite(value) else ""
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -1,7 +1,7 @@
 """Labelled data to netCDF and back without loss: any dataset, ``tracks.nc`` and ``displacement.nc``."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -12,7 +12,7 @@ import xarray as xr
 from vfm_sdm.core.block_files import LONG_BYTES, BlockFile, cannot_write
 from vfm_sdm.core.cf import CONVENTIONS, described, undescribed
 from vfm_sdm.core.datasets import check_displacement, check_points, check_tracks
-from vfm_sdm.core.files import replace_file, write_file
+from vfm_sdm.core.files import csv_text, replace_file, write_file
 from vfm_sdm.core.stored import JSON, check_seal, decoded, restored, seal_file, sealed, storable, unsealed
 from vfm_sdm.errors import DatasetError, ResultsError
 
@@ -28,6 +28,7 @@ __all__ = [
     "write_displacement",
     "write_points",
     "write_tracks",
+    "write_with_table",
 ]
 
 _ENGINE: Final = "h5netcdf"
@@ -66,6 +67,36 @@ def write_dataset(path: Path | str, dataset: xr.Dataset) -> Path:
         return _write_in_blocks(Path(path), xr.Dataset(), {None: dataset})
     content = stored.to_netcdf(engine=_ENGINE, encoding=_choose_compression(stored))
     return write_file(path, sealed(content))
+
+
+def write_with_table(
+    path: Path | str, dataset: xr.Dataset, header: Sequence[str], rows: Iterable[Sequence[object]]
+) -> list[Path]:
+    """Writes a dataset, and beside it a table of it for people as ``.csv``; returns both paths.
+
+    Parameters
+    ----------
+    path
+        The netCDF file to make or replace; see `write_dataset`.
+    dataset
+        The dataset.
+    header, rows
+        Names of the columns, and cells of each row; see `vfm_sdm.core.files.csv_text`.
+
+    Raises
+    ------
+    ResultsError
+        A file cannot be written, or an attribute cannot be stored.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> dataset = xr.Dataset({"length": ("bay", [2.4], {"units": "m"})})
+    >>> with TemporaryDirectory() as folder:
+    ...     [path.name for path in write_with_table(f"{folder}/lengths.nc", dataset, ["bay", "length_m"], [[1, 2.4]])]
+    ['lengths.nc', 'lengths.csv']
+    """
+    return [write_dataset(path, dataset), write_file(Path(path).with_suffix(".csv"), csv_text(header, rows))]
 
 
 def _write_in_blocks(path: Path, head: xr.Dataset, groups: Mapping[str | None, xr.Dataset]) -> Path:

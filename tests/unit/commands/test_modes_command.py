@@ -66,6 +66,47 @@ def test_json_has_the_table(run, capsys):
     assert any("band 0.2 to 12 Hz" in line for line in content["lines"])
 
 
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory):
+    """A run folder of a single view: motion in the picture, whose places are not known."""
+    folder = tmp_path_factory.mktemp("one view")
+    seen = vibrate(12.0).isel(axis=[0, 1], point=[1]).assign_coords(axis=["right", "down"])
+    seen = seen.assign(position=seen["position"] * np.nan).assign_attrs(frame="image plane")
+    write_dataset(folder / "displacement.nc", seen)
+    return folder
+
+
+def test_modes_of_a_single_view_are_those_in_the_picture(picture, capsys):
+    main_ended(["modes", str(picture), "--json"], 0)
+    content = json.loads(capsys.readouterr().out)
+    assert [row["Hz"] for row in content["tables"][0]["rows"]] == pytest.approx(FREQUENCY_HZ, rel=0.08)
+    lines = "\n".join(content["lines"])
+    # Two channels in 20 blocks: (20 - 1) 2.
+    assert "2 channels along right, down, 12.0 s at 30 Hz, band 0.667 to 12 Hz, order up to 38;" in lines
+    assert "the order of the model is 38 at most, not 40" in lines
+    assert "what moves towards the camera is not seen" in lines
+    modes = read_modes(picture)
+    assert (modes.attrs["axes"], modes.attrs["highest_order"]) == ("right, down", 38)
+    assert modes["pole_order"].max() <= 38
+    assert not list((picture / "figures").glob("*.gif"))
+    one, *_ = [one for one in pyuff.UFF(str(picture / "modes.uff")).read_sets() if one["type"] == 55]
+    np.testing.assert_allclose(np.stack([one["r1"], one["r2"]], axis=1), modes["shape"][0].values, atol=1e-5)
+    assert not np.any(one["r3"])
+
+
+@pytest.mark.parametrize("axes", [("right", "down"), ("right", "down", "forward")])
+def test_the_report_shows_modes_along_other_axes(run, axes):
+    modes = read_modes(run).isel(axis=range(len(axes))).assign_coords(axis=list(axes))
+    inputs = ReportInputs.__new__(ReportInputs)
+    object.__setattr__(inputs, "modes", modes.assign_attrs(axes=", ".join(axes)))
+    object.__setattr__(inputs, "displacement", modes)
+    section = describe_modes(inputs, find_language("de"))
+    assert ", ".join({"right": "rechts", "down": "unten", "forward": "vorn"}[axis] for axis in axes) in (
+        section.blocks[0].text
+    )
+    assert [block.kind for block in section.blocks].count("figure") == 2
+
+
 def test_without_a_mode_the_data_did_not_allow_a_result(tmp_path, capsys):
 
     write_dataset(tmp_path / "displacement.nc", vibrate(20.0, moves=False))

@@ -5,6 +5,8 @@ from hypothesis import strategies as st
 
 from vfm_sdm.errors import CameraError
 from vfm_sdm.geometry.structure_frame import StructureFrame, compute_view_angle, structure_from_cam1
+from vfm_sdm.outputs.plots import positive_direction
+from vfm_sdm.outputs.report import find_language
 
 
 def test_the_angle_is_that_of_the_right_triangle():
@@ -28,6 +30,17 @@ def test_axes_of_a_level_camera(side, sign):
     np.testing.assert_allclose(vertical, [0, 1, 0])
     assert abs(longitudinal @ [0, 0, 1]) == pytest.approx(np.cos(angle))
     np.testing.assert_allclose(np.cross(lateral, vertical), longitudinal, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_longitudinal_is_to_the_left_for_one_who_faces_the_structure(side):
+    """As figures and reports say, on whichever side of the camera the structure lies."""
+    lateral, vertical, longitudinal = structure_from_cam1(0.7, side=side, pitch_rad=0.1, roll_rad=-0.05)
+    right_of_observer = np.cross(vertical, lateral)  # down and ahead, as x is of y and z in a picture
+    np.testing.assert_allclose(longitudinal, -right_of_observer, atol=1e-12)
+    assert "to the left" in positive_direction("structure", "longitudinal")
+    for code, words in (("en", "to the left"), ("de", "nach links")):
+        assert words in find_language(code).word("direction", "longitudinal")
 
 
 def test_upward_pitch_lifts_the_optical_axis():

@@ -101,6 +101,34 @@ def test_an_interval_is_kept_while_it_is_typed_unless_it_holds_nothing(page):
     visit(page, acts)
 
 
+def test_a_time_of_rest_is_kept_unless_it_holds_nothing_and_taken_back(page):
+    page.draft.set_rows("view", [{"name": "left", "video": "a.mp4"}, {"name": "right", "video": "b.mp4"}])
+    page.draft.put(("method", "refinement"), "sgr")
+
+    def still():
+        return page.fields["method"].get("still_interval_s")
+
+    async def acts(user: User) -> None:
+        await user.should_see("structure at rest from [s]", **_PATIENT)
+        begin, end = field(user, "structure at rest from [s]"), field(user, "at rest to [s]")
+        with user:
+            begin.set_value(0.1)
+            await user.should_see("not kept: expected a begin, and an end after it", **_PATIENT)
+            assert still() is None
+            end.set_value(0.4)
+            await until(lambda: still() == [0.1, 0.4])
+            end.set_value(0.05)
+            await user.should_see("not kept: expected a begin, and an end after it", **_PATIENT)
+            assert still() == [0.1, 0.4]
+            begin.set_value(None)
+            await until(lambda: still() == [0.0, 0.05])
+            end.set_value(None)
+            await until(lambda: still() is None)
+
+    visit(page, acts)
+    assert page.fields["method"]["refinement"] == "sgr"
+
+
 def test_steps_before_there_are_films_say_what_is_missing(page):
     async def acts(user: User) -> None:
         for step in ("Site", "Measure"):

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from vfm_sdm.analysis.acceptance.records import Acceptance, AcceptanceRow
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.covariances import find_edges
-from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.datasets import FIRST_SAMPLE, Status
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.geometry.rig_draws import RigDraws, draw_normal
@@ -202,7 +202,7 @@ def _make_sample(model: BudgetModel, point: int, frame: int) -> _Sample:
     place = tracks["place_std"].transpose("view", "pixel").values if "place_std" in tracks else np.zeros((views, 2))
     stated, alone = (one.isel(point=point)["pixel_sensitivity"].values for one in (model.displacement, model.unrefined))
     gain = np.nan_to_num(stated).reshape(3, -1) @ np.linalg.pinv(np.nan_to_num(alone).reshape(3, -1))
-    still = model.displacement.attrs.get("relative_to") != "first valid sample"
+    still = model.displacement.attrs.get("relative_to") != FIRST_SAMPLE
     return _Sample(
         rest=data["position"].values[frame] - motion,
         motion=motion,

@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.dataset_checks import check_variable
-from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_if_there, write_dataset
+from vfm_sdm.core.files import number_cell
+from vfm_sdm.core.netcdf import read_if_there, write_with_table
 
 __all__ = ["check_field", "extreme_times", "read_field", "write_field"]
 
@@ -95,7 +95,6 @@ def write_field(folder: Path | str, field: xr.Dataset, times_s: Sequence[float])
         numbers = np.concatenate([frame["displacement"].values, frame["displacement_std"].values], axis=1)
         for station, line in zip(field["station"].values, numbers, strict=True):
             cells = (float(frame["time"]), station, *line)
-            rows.append([f"{value:.6g}" if np.isfinite(value) else "" for value in cells])
+            rows.append([number_cell(value) for value in cells])
     header = ["time_s", "station_m", *(f"{axis}_mm" for axis in axes), *(f"{axis}_std_mm" for axis in axes)]
-    file = Path(folder) / _FILE
-    return [write_dataset(file, field), write_file(file.with_suffix(".csv"), csv_text(header, rows))]
+    return write_with_table(Path(folder) / _FILE, field, header, rows)

@@ -1,7 +1,8 @@
 """Displacement of a point from standstill to the band of a sensor, of the video and of the sensor together."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from datetime import datetime
 
 import numpy as np
 import xarray as xr
@@ -10,22 +11,26 @@ from vfm_sdm.analysis.fusion.along import Alignment, Fused, Record, Video, fuse_
 from vfm_sdm.analysis.fusion.result import describe_fusion, fail_fusion
 from vfm_sdm.analysis.fusion.still_points import estimate_video_errors
 from vfm_sdm.core.arrays import BoolArray, FloatArray
-from vfm_sdm.core.datasets import check_displacement, trusted_values
+from vfm_sdm.core.datasets import START, check_displacement, trusted_values
 from vfm_sdm.core.sensor_datasets import check_acceleration
 from vfm_sdm.core.statuses import ClockStatus, FusionStatus
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.sensors.accelerometer import RecipeSettings, compute_reference
 from vfm_sdm.inputs.sensors.outliers import find_lone
-from vfm_sdm.inputs.sensors.readings import find_readings, name_defects
+from vfm_sdm.inputs.sensors.readings import find_readings, name_defects, reading_status
 from vfm_sdm.stages.synchronize import LagSearch, Synchronization
 from vfm_sdm.stages.synchronize.dataset_lags import estimate_sensor_lag
 
-__all__ = ["FusionSettings", "fuse"]
+__all__ = ["FusionSettings", "fuse", "search_about_start"]
 
 _FEWEST_FRAMES = 60
 """Values of the video below which nothing is known of its noise."""
-_LAG_BANDS_HZ = ((1.0, 10.0), (0.5, 10.0))
-"""Bands in which the lag is looked for, the next where one does not tell it: below, the sensor drifts."""
+_LAG_BANDS_HZ = ((1.0, 10.0), (0.5, 10.0), (2.0, 10.0))
+"""Bands in which the lag is looked for, the next where one does not tell it: below, the sensor drifts, and a period of
+the lower end is lost on both sides of what was not recorded."""
+_SEARCH_S, _SEARCH_ABOUT_START_S = 5.0, 2.0
+"""How far the lag is looked for: about zero, and about what the start times of video and sensor say, whose seconds are
+often rounded [s]."""
 _SAMPLES_OF_FASTEST = 4.0
 _FILLED = 1.5
 """Intervals of the sensor's clock up to which missing samples are filled."""
@@ -35,6 +40,10 @@ _MOST_OFF = 4.0
 _NO_STATIC = (
     "no static point shows how the video errs slowly: 0.3 of its scatter is assumed, within a factor of two; add "
     "a point that must not move"
+)
+_BY_START = (
+    "the lag is looked for within {search.search_s:.3g} s of {search.start_lag_s:.2f} s, by the start times of "
+    "video and sensor"
 )
 _LEFT_OUT = (
     "{axis}: left out; the video is {gain:.2f} times the sensor; check the sensor's units and the sign of its column"
@@ -60,13 +69,44 @@ class FusionSettings:
     clock_std
         Standard deviation of the rate of the sensor's clock [1], where the motion does not tell it.
     search
-        Where the lag of the sensor's clock is looked for [s].
+        Where the lag of the sensor's clock is looked for [s]; as `search_about_start` says when ``None``.
     """
 
     gain_std: float = 0.1
     cross_std: float = 0.05
     clock_std: float = 1e-4
-    search: LagSearch = field(default_factory=lambda: LagSearch(search_s=5.0))
+    search: LagSearch | None = None
+
+
+def search_about_start(
+    displacement: xr.Dataset, acceleration: xr.Dataset, *, start_lag_s: float | None = None
+) -> LagSearch:
+    """Where the lag of a sensor's clock is looked for: about what is stated, or the start times of both recordings say.
+
+    Parameters
+    ----------
+    displacement
+        Displacement dataset; attribute ``time_coverage_start`` is when its time is zero.
+    acceleration
+        Acceleration dataset; attribute ``start_utc`` is when its first sample was taken.
+    start_lag_s
+        How much later the sensor's clock shows an event, as far as somebody knows [s].
+
+    Examples
+    --------
+    >>> from vfm_sdm.core.sensor_datasets import make_acceleration
+    >>> video = xr.Dataset(attrs={START: "2026-11-20T10:15:30.25+00:00"})
+    >>> times = np.arange(300) / 100 + 0.5
+    >>> sensed = make_acceleration(times, ["phone"], ["vertical"], np.zeros((300, 1, 1)), sampling_rate_hz=100.0)
+    >>> search_about_start(video, sensed.assign_attrs(start_utc="2026-11-20T10:15:18+00:00"))
+    LagSearch(search_s=2.0, start_lag_s=12.75, start_std_s=None)
+    """
+    begun = displacement.attrs.get(START), acceleration.attrs.get("start_utc")
+    if start_lag_s is not None or not all(begun):
+        return LagSearch(_SEARCH_S, start_lag_s or 0.0)
+    video, sensor = (datetime.fromisoformat(str(one)) for one in begun)
+    later = (video - sensor).total_seconds() + float(acceleration["time"].values[0])
+    return LagSearch(_SEARCH_ABOUT_START_S, later)
 
 
 def fuse(
@@ -129,13 +169,18 @@ def fuse(
     rate_hz = float(acceleration.attrs["sampling_rate_hz"])
     acceleration, notes = _replace_lone(acceleration)
     codes, filled, known = find_readings(acceleration, longest_gap_s=_FILLED / rate_hz)
+    # The recipe leaves out what is named, and refuses what is not.
+    acceleration = acceleration.assign(status=reading_status(codes))
     sensed = [str(name) for name in acceleration["axis"].values]
     notes = [
         *notes,
         *acceleration.attrs.get("notes", ()),
         *name_defects(codes, acceleration["time"].values, [sensor], sensed),
     ]
-    lag = _find_lag(displacement, acceleration, (point, sensor), chosen, settings)
+    search = settings.search or search_about_start(displacement, acceleration)
+    if settings.search is None and search != LagSearch(_SEARCH_S):
+        notes.append(_BY_START.format(search=search))
+    lag = _find_lag(displacement, acceleration, (point, sensor), chosen, search)
     values = trusted_values(displacement, "displacement")
     if not lag.ok:
         status = _FAILURES.get(ClockStatus(lag.status), FusionStatus.NO_MOTION)
@@ -202,7 +247,7 @@ def _find_lag(
     acceleration: xr.Dataset,
     pair: tuple[str, str],
     axes: list[str],
-    settings: FusionSettings,
+    search: LagSearch,
 ) -> Synchronization:
     """Lag of the sensor's clock, from its displacement by the paper's recipe."""
     highest = float(acceleration.attrs["sampling_rate_hz"]) / _SAMPLES_OF_FASTEST
@@ -215,7 +260,6 @@ def _find_lag(
             reference = compute_reference(acceleration, recipe)
         except DatasetError:
             continue
-        search = settings.search
         tried = estimate_sensor_lag(displacement, reference, pairs=[pair], axes=axes, search=search, band_hz=band)
         # The first band says best why there is none.
         found = tried if tried.ok or found.status == ClockStatus.TOO_SHORT else found

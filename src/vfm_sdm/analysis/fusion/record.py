@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.fusion.result import FUSED_MEANINGS
 from vfm_sdm.core.dataset_checks import check_variable
-from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_if_there, write_dataset
+from vfm_sdm.core.files import number_cell
+from vfm_sdm.core.netcdf import read_if_there, write_with_table
 
 __all__ = ["check_fusion", "read_fusion", "write_fusion"]
 
@@ -75,8 +74,6 @@ def write_fusion(folder: Path | str, fused: xr.Dataset) -> list[Path]:
         one = fused.sel(axis=axis)
         header += [f"{axis}_mm", f"{axis}_std_mm", f"{axis}_combined_std_mm", f"{axis}_status"]
         for name in _SAMPLES:
-            columns.append([f"{value:.6g}" if np.isfinite(value) else "" for value in one[name].values])
+            columns.append([number_cell(value) for value in one[name].values])
         columns.append([FUSED_MEANINGS[code] for code in one["status"].values.astype(int)])
-    file = Path(folder) / _FILE
-    rows = [list(row) for row in zip(*columns, strict=True)]
-    return [write_dataset(file, fused), write_file(file.with_suffix(".csv"), csv_text(header, rows))]
+    return write_with_table(Path(folder) / _FILE, fused, header, zip(*columns, strict=True))

@@ -12,6 +12,7 @@ from vfm_sdm.analysis.load_test.record import (
     write_load_test,
     write_passages,
 )
+from vfm_sdm.analysis.load_test.static_points import MovedPoint, drop_static, find_moved_static
 from vfm_sdm.analysis.load_test.steps import LoadPlan, LoadStep, read_steps
 
 __all__ = [
@@ -20,10 +21,13 @@ __all__ = [
     "Limits",
     "LoadPlan",
     "LoadStep",
+    "MovedPoint",
     "Passage",
     "check_load_test",
     "check_passages",
+    "drop_static",
     "find_level",
+    "find_moved_static",
     "find_plateaus",
     "judge_load_test",
     "judge_passages",

@@ -1,6 +1,6 @@
 """How a structure answers a passing vehicle: amplification over the static part, and displacement against its place."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +8,7 @@ import xarray as xr
 
 from vfm_sdm.analysis.load_test.influence import find_influence
 from vfm_sdm.analysis.load_test.passages import Axle, Passage
-from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.core.datasets import Status, check_displacement
 from vfm_sdm.core.statuses import PassageStatus
 from vfm_sdm.errors import DatasetError
@@ -76,6 +76,7 @@ def judge_passages(
     *,
     frequency_hz: float | None = None,
     axles: Sequence[Axle] = (),
+    static: Collection[str] = (),
 ) -> xr.Dataset:
     """Dynamic amplification of every passage, and static displacement against the vehicle's place, with uncertainty.
 
@@ -87,16 +88,20 @@ def judge_passages(
         In their order.
     frequency_hz
         Natural frequency in which the structure answers a passage [Hz]; that of the strongest oscillation, which the
-        displacement shows, when ``None``.
+        displacement of each point shows along each axis, when ``None``, or else the lowest of the others.
     axles
         Of the vehicle; with them and the speed, influence lines of 1 kN are found.
+    static
+        Names of the points that must not move: what they show is not the structure's frequency.
 
     Returns
     -------
     result
         Dims ``passage``, ``point`` and ``axis``: ``status`` (`vfm_sdm.core.statuses.PassageStatus`); ``largest_total``
         and ``largest_static`` displacement from the rest before the passage on with their expanded uncertainty [mm];
-        ``amplification``, the ratio of both, with an interval of 95 % [1]; ``cutoff`` [Hz]. And by ``station``:
+        ``amplification``, the ratio of both, with an interval of 95 % [1]; ``cutoff`` [Hz].
+        By point and axis ``frequency``, from which the cutoff is [Hz]; the attribute of that name says whether it was
+        ``given`` or ``found``. By ``station``:
         ``place`` of the first axle [m] (passage, station), ``static`` and ``static_std`` [mm]; with axles ``along`` [m]
         and ``influence``, ``influence_std`` [mm/kN].
 
@@ -133,12 +138,11 @@ def judge_passages(
     _check_given(passages, frequency_hz, axles)
     answers: dict[tuple[int, int, int], _Answer] = {}
     trusted = data["displacement"].where(data["status"] == Status.OK).transpose("point", "axis", "time").values
-    frequencies = [[dominant_frequency(time_s, series) for series in of_point] for of_point in trusted]
+    may_move = np.array([str(name) not in static for name in data["point"].values])
+    frequencies = _find_frequencies(time_s, trusted, may_move, frequency_hz)
     for p, a in np.ndindex(*trusted.shape[:2]):
         one, series = data.isel(point=p, axis=a), trusted[p, a]
-        # A point at rest in a mode does not show it; the others do.
-        shown = frequencies[p][a] or min((found for row in frequencies if (found := row[a])), default=None)
-        of_structure = shown if frequency_hz is None else frequency_hz
+        of_structure = None if np.isnan(frequencies[p, a]) else float(frequencies[p, a])
         free_s = float(time_s[0])
         for number, passage in enumerate(passages):
             cutoff = _choose_cutoff(passage, of_structure)
@@ -150,10 +154,27 @@ def judge_passages(
                 else _judge(around, passage, cutoff, of_structure or 0.0, rng)
             )
             free_s = passage.end_s
-    return _assemble(answers, data, passages, axles).assign_attrs(
+    result = _assemble(answers, data, passages, axles)
+    return result.assign(frequency=(("point", "axis"), frequencies, {"units": "Hz"})).assign_attrs(
         frequency="found" if frequency_hz is None else "given",
         displacement_key=str(data.attrs.get("key", "")),
     )
+
+
+def _find_frequencies(
+    time_s: FloatArray, trusted: FloatArray, may_move: BoolArray, given_hz: float | None
+) -> FloatArray:
+    """Frequencies of the structure by point and axis, shape (P, A) [Hz]; NaN where there is none."""
+    if given_hz is not None:
+        return np.full(trusted.shape[:2], given_hz)
+    shown = np.full(trusted.shape[:2], np.nan)
+    # What a point shows that must not move is the camera's: it gets that of the structure.
+    for p, a in np.ndindex(*shown.shape):
+        if may_move[p]:
+            shown[p, a] = dominant_frequency(time_s, trusted[p, a]) or np.nan
+    # A point at rest in a mode does not show it; the others do.
+    lowest = np.where(np.isnan(shown), np.inf, shown).min(axis=0, initial=np.inf)
+    return np.where(np.isnan(shown), np.where(np.isfinite(lowest), lowest, np.nan), shown)
 
 
 def _check_given(passages: Sequence[Passage], frequency_hz: float | None, axles: Sequence[Axle]) -> None:

@@ -1,12 +1,13 @@
 """What a load test shows: deflections with uncertainty, what remains, and how both compare with what was calculated."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.load_test.levels import find_level, find_plateaus
+from vfm_sdm.analysis.load_test.static_points import drop_static
 from vfm_sdm.analysis.load_test.steps import LoadPlan
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.core.datasets import Status, check_displacement
@@ -63,7 +64,9 @@ class Limits:
                 )
 
 
-def judge_load_test(displacement: xr.Dataset, plan: LoadPlan, limits: Limits = Limits()) -> xr.Dataset:
+def judge_load_test(
+    displacement: xr.Dataset, plan: LoadPlan, limits: Limits = Limits(), *, static: Collection[str] = ()
+) -> xr.Dataset:
     """Deflection of every step, point and axis, with uncertainty, residuals, stiffness and probabilities of exceedance.
 
     Parameters
@@ -74,6 +77,8 @@ def judge_load_test(displacement: xr.Dataset, plan: LoadPlan, limits: Limits = L
         Steps; the first is what all others are compared with.
     limits
         Limits whose exceedance is judged.
+    static
+        Names of the points that must not move: they do not tell when the steps stood.
 
     Returns
     -------
@@ -109,7 +114,7 @@ def judge_load_test(displacement: xr.Dataset, plan: LoadPlan, limits: Limits = L
                 f"load test: expected calculated values of measured points ({', '.join(points)}) and axes "
                 f"({', '.join(axes)}), got {point} {axis}; correct the name of the column"
             )
-    intervals = _find_intervals(data, plan)
+    intervals = _find_intervals(data, plan, static)
     shape = (len(plan.steps), len(points), len(axes))
     calculated = np.full(shape, np.nan)
     for number, step in enumerate(plan.steps):
@@ -144,14 +149,17 @@ def judge_load_test(displacement: xr.Dataset, plan: LoadPlan, limits: Limits = L
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 
-def _find_intervals(data: xr.Dataset, plan: LoadPlan) -> list[tuple[float, float]]:
+def _find_intervals(data: xr.Dataset, plan: LoadPlan, static: Collection[str]) -> list[tuple[float, float]]:
     """When each step stood [s]."""
     time_s = data["time"].values
     if not plan.timed:
-        series = data["displacement"].where(data["status"] == Status.OK).values.reshape(len(time_s), -1)
+        moving = drop_static(data, static)
+        series = moving["displacement"].where(moving["status"] == Status.OK).values.reshape(len(time_s), -1)
         series = series[:, np.isfinite(series).mean(axis=0) > 0.5]
         if not series.shape[1]:
-            raise DatasetError("load test: expected points that were measured, got none; state when each step stood")
+            raise DatasetError(
+                "load test: expected points that may move and were measured, got none; state when each step stood"
+            )
         return find_plateaus(time_s, series, len(plan.steps))
     intervals = [(float(step.begin_s or 0.0), float(step.end_s or 0.0)) for step in plan.steps]
     if intervals[0][0] < time_s[0] - 1 or intervals[-1][1] > time_s[-1] + 1:

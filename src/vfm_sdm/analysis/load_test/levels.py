@@ -8,13 +8,15 @@ import numpy as np
 from vfm_sdm.core.arrays import BoolArray, FloatArray
 from vfm_sdm.errors import DatasetError
 
-__all__ = ["FEWEST_SAMPLES", "Level", "find_level", "find_plateaus"]
+__all__ = ["FEWEST_SAMPLES", "LEVEL_FREEDOM", "Level", "find_level", "find_plateaus"]
 
 FEWEST_SAMPLES = 20
 """Samples below which a level has no scatter to be known by."""
 _LINES = range(3, 9)
 """Lines of frequency at which the scatter of a level is read, in inverse lengths of its interval: beyond what the
 weights' own lobe covers, and still slow."""
+LEVEL_FREEDOM = 2 * len(_LINES)
+"""Degrees of freedom with which the scatter of a level is known."""
 _BLOCKS = 600
 """Blocks into which a recording is divided, to find when it stands still."""
 _MARGIN = 1 / 6
@@ -78,7 +80,7 @@ def find_level(values: FloatArray, ok: BoolArray) -> Level:
     waves = np.exp(-2j * np.pi * np.outer(_LINES, place))
     beside = waves @ (weights * (filled - value))
     std = float(np.sqrt(np.mean(np.abs(beside) ** 2)))
-    return Level(value, std, 2 * len(_LINES))
+    return Level(value, std, LEVEL_FREEDOM)
 
 
 def find_plateaus(time_s: FloatArray, series: FloatArray, count: int) -> list[tuple[float, float]]:
@@ -96,13 +98,14 @@ def find_plateaus(time_s: FloatArray, series: FloatArray, count: int) -> list[tu
     Raises
     ------
     DatasetError
-        The recording is too short for so many steps.
+        The recording is too short for so many steps, or too little of it was seen.
 
     Notes
     -----
     Means of blocks, in units of their scatter from one to the next, are divided into so many stretches of one level
     each with loading between them, so that the squared deviations from the levels and a constant cost of each block of
-    loading are least; by dynamic programming, exactly.
+    loading are least; by dynamic programming, exactly. What was not seen is known to be neither: it costs as loading
+    does wherever it lies, a stretch is seen for half of its blocks at least, and it begins and ends with a seen one.
     """
     blocks = min(_BLOCKS, len(time_s) // FEWEST_SAMPLES)
     if blocks < 3 * count:
@@ -111,26 +114,56 @@ def find_plateaus(time_s: FloatArray, series: FloatArray, count: int) -> list[tu
             "begin_s and end_s of every step"
         )
     edges = np.linspace(0, len(time_s), blocks + 1).astype(int)
-    means = np.array([np.nanmean(series[a:b], axis=0) for a, b in pairwise(edges)])
-    change = np.diff(means, axis=0)
-    noise = 1.4826 * np.nanmedian(np.abs(change - np.nanmedian(change, axis=0)), axis=0) / np.sqrt(2)
-    scaled = np.nan_to_num(means / np.where(noise > 0, noise, np.inf))
-    begins, ends = _divide(scaled, count)
-    found = [(float(time_s[edges[a]]), float(time_s[edges[b] - 1])) for a, b in zip(begins, ends, strict=True)]
+    scaled = _scale_blocks(np.stack([_block_mean(series[a:b]) for a, b in pairwise(edges)]))
+    seen = np.asarray(np.isfinite(scaled).any(axis=1))
+    if seen.sum() < 3 * count:
+        raise DatasetError(
+            f"load test: expected a recording in which {count} steps are seen, got {seen.mean():.0%} of it with points "
+            "that are; state begin_s and end_s of every step"
+        )
+    found = []
+    for begin, end in zip(*_divide(scaled, count), strict=True):
+        first, last = begin + np.flatnonzero(seen[begin:end])[[0, -1]]
+        found.append((float(time_s[edges[first]]), float(time_s[edges[last + 1] - 1])))
     return [(a + _MARGIN * (b - a), b - _MARGIN * (b - a)) for a, b in found]
+
+
+def _block_mean(values: FloatArray) -> FloatArray:
+    """Means of a block of samples, shape (N, S); NaN where less than half of it is known."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    means = np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1)
+    return np.where(2 * count >= len(values), means, np.nan)
+
+
+def _scale_blocks(means: FloatArray) -> FloatArray:
+    """Means of blocks, shape (B, S), in units of their scatter from one to the next; zero where they have none."""
+    scaled = np.full(means.shape, np.nan)
+    for one, values in enumerate(means.T):
+        change = np.diff(values)
+        change = change[np.isfinite(change)]
+        noise = 1.4826 * np.median(np.abs(change - np.median(change))) / np.sqrt(2) if change.size else 0.0
+        scaled[:, one] = values / noise if noise > 0 else 0.0 * values
+    return scaled
 
 
 def _divide(scaled: FloatArray, count: int) -> tuple[list[int], list[int]]:
     """Beginnings and ends (exclusive) of so many stretches of blocks, shape (B, S), at the least cost."""
     size, series = scaled.shape
-    sums = np.vstack([np.zeros(series), np.cumsum(scaled, axis=0)])
-    squares = np.concatenate([[0.0], np.cumsum((scaled**2).sum(axis=1))])
+    known = np.isfinite(scaled)
+    filled = np.where(known, scaled, 0.0)
+    sums, counts = (np.vstack([np.zeros(series), np.cumsum(of, axis=0)]) for of in (filled, known))
+    squares = np.concatenate([[0.0], np.cumsum((filled**2).sum(axis=1))])
+    blocks_seen = np.concatenate([[0], np.cumsum(known.any(axis=1))])
     first, last = np.arange(size + 1)[:, None], np.arange(size + 1)[None]
-    length = np.maximum(last - first, 1)
     spread = squares[None] - squares[:, None]
     for one in range(series):
-        spread = spread - (sums[None, :, one] - sums[:, None, one]) ** 2 / length
-    cost = np.where(last - first >= 2, spread, np.inf)  # of a step from first to last
+        of_step = counts[None, :, one] - counts[:, None, one]
+        spread = spread - (sums[None, :, one] - sums[:, None, one]) ** 2 / np.maximum(of_step, 1)
+        spread += _GAP_COST * (last - first - of_step)
+    in_step = blocks_seen[None] - blocks_seen[:, None]
+    may_be = (in_step >= 2) & (2 * in_step >= last - first)
+    cost = np.where(may_be, spread, np.inf)  # of a step from first to last
     gap = _GAP_COST * series
     # best[k, b]: k steps lie in the blocks before b, the last of which need not belong to one.
     best = gap * np.arange(size + 1.0)

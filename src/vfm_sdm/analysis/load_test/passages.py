@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from vfm_sdm.analysis.load_test.steps import check_units, read_columns
+from vfm_sdm.core.constants import KM_H
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["Axle", "Passage", "read_axles", "read_passages"]
 
-_SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6}
+_SPEEDS = {"m/s": 1.0, "km/h": 1 / KM_H}
 _AXLE = re.compile(r"^\s*(?P<place>[0-9.]+)\s*:\s*(?P<load>[0-9.]+)\s*$")
 
 

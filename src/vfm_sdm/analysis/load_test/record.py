@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.dataset_checks import check_variable
-from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_if_there, write_dataset
+from vfm_sdm.core.files import number_cell
+from vfm_sdm.core.netcdf import read_if_there, write_with_table
 
 __all__ = [
     "check_load_test",
@@ -26,6 +26,7 @@ _BY_PASSAGE = (
     *("largest_total", "total_uncertainty", "largest_static", "static_uncertainty"),
     *("amplification", "amplification_low", "amplification_high", "cutoff"),
 )
+_BY_POINT_OF_PASSAGES = ("frequency",)
 
 
 def check_load_test(result: xr.Dataset) -> xr.Dataset:
@@ -41,7 +42,9 @@ def check_load_test(result: xr.Dataset) -> xr.Dataset:
     DatasetError
         A variable is missing, or has other dims.
     """
-    return _check(result, "step", {"step": _BY_STEP, "": _BY_POINT, "of": ("load", "begin_s", "end_s")})
+    return _check(
+        result, "step", {"step": (*_BY_STEP, "combined_std"), "": _BY_POINT, "of": ("load", "begin_s", "end_s")}
+    )
 
 
 def check_passages(result: xr.Dataset) -> xr.Dataset:
@@ -57,7 +60,11 @@ def check_passages(result: xr.Dataset) -> xr.Dataset:
     DatasetError
         A variable is missing, or has other dims.
     """
-    _check(result, "passage", {"passage": (*_BY_PASSAGE, "status"), "of": ("begin_s", "end_s", "speed_m_s")})
+    _check(
+        result,
+        "passage",
+        {"passage": (*_BY_PASSAGE, "status"), "": _BY_POINT_OF_PASSAGES, "of": ("begin_s", "end_s", "speed_m_s")},
+    )
     for name in ("static", "static_std"):
         check_variable(result, name, ("passage", "station", "point", "axis"), "mm")
     return result
@@ -141,7 +148,7 @@ def write_passages(folder: Path | str, result: xr.Dataset) -> list[Path]:
 
 def _write(file: Path, result: xr.Dataset, dim: str, of_dim: Sequence[str]) -> list[Path]:
     """The dataset, and its figures by point and axis as a table with the units in the names."""
-    kept = (*_BY_STEP, *_BY_POINT, *_BY_PASSAGE, "status")
+    kept = (*_BY_STEP, *_BY_POINT, *_BY_PASSAGE, *_BY_POINT_OF_PASSAGES, "status")
     names = [name for name in kept if name in result]
     spread = result[names].broadcast_like(result[names[0]]).transpose(dim, "point", "axis")
     keys = [[str(value) for value in result[name].values] for name in (dim, "point", "axis")]
@@ -154,7 +161,7 @@ def _write(file: Path, result: xr.Dataset, dim: str, of_dim: Sequence[str]) -> l
         for at in np.ndindex(*(len(labels) for labels in keys))
     ]
     header = [dim, "point", "axis", *(_with_unit(result, name) for name in (*of_dim, *names))]
-    return [write_dataset(file, result), write_file(file.with_suffix(".csv"), csv_text(header, rows))]
+    return write_with_table(file, result, header, rows)
 
 
 def _with_unit(result: xr.Dataset, name: str) -> str:
@@ -165,6 +172,4 @@ def _with_unit(result: xr.Dataset, name: str) -> str:
 
 
 def _text(value: object) -> str:
-    if not isinstance(value, float):
-        return str(value)
-    return f"{value:.6g}" if np.isfinite(value) else ""
+    return number_cell(value) if isinstance(value, float) else str(value)

@@ -109,6 +109,7 @@ def make_modes(
         "detrending": DETRENDING,
         "duration_s": channels.duration_s,
         "channels": len(channels.place),
+        "axes": ", ".join(str(displacement["axis"].values[a]) for a in np.unique(channels.place[:, 1])),
         "filled_share": channels.filled,
         "frame": displacement.attrs.get("frame", ""),
         "displacement_key": str(displacement.attrs.get("key", "")),

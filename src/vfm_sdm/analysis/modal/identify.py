@@ -41,7 +41,7 @@ class ModalOptions:
     Parameters
     ----------
     axes
-        Names of the axes that count.
+        Names of the axes that count; ``None``: all that were measured, such as the two of a single view.
     band_hz
         Band [Hz]; ``None``: from eight periods in the record, at least 0.2 Hz, to 0.4 of the frame rate.
     most_modes
@@ -50,7 +50,7 @@ class ModalOptions:
         Highest order of the model.
     """
 
-    axes: tuple[str, ...] = ("lateral", "vertical", "longitudinal")
+    axes: tuple[str, ...] | None = None
     band_hz: tuple[float, float] | None = None
     most_modes: int = 12
     most_order: int = 40
@@ -85,7 +85,8 @@ def identify_modes(
     modes
         Dims ``mode, point, axis``: ``frequency`` [Hz], ``damping_ratio`` [1], ``shape`` [1], each with ``_std``, the
         first two with ``_low`` and ``_high``; ``status``, ``collinearity``, ``support``, ``rms`` [mm]; and what the
-        stabilisation diagram shows. Shapes are NaN where a point is static or not ok.
+        stabilisation diagram shows. Shapes are NaN where a point is static or not ok. Attributes ``axes`` and
+        ``highest_order`` are what was used; ``order_asked`` is what was asked for.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def identify_modes(
             left_out.append((cluster.frequency_hz, status))
     spectra = compute_spectra(white, channels.rate_hz)
     modes = make_modes(displacement, channels, found, poles=poles, spectra=spectra, left_out=left_out)
-    return modes.assign_attrs(highest_order=options.most_order)
+    return modes.assign_attrs(highest_order=poles.highest_order, order_asked=options.most_order)
 
 
 def _drop_twins(

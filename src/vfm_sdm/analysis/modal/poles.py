@@ -40,6 +40,8 @@ class Poles:
         In units of each channel's noise, shape (N, C), complex.
     stable
         Whether a pole of the order before is alike, shape (N,).
+    highest_order
+        Highest order of the models: less than asked for where channels or samples allow no more.
     """
 
     order: IntArray
@@ -47,6 +49,7 @@ class Poles:
     damping_ratio: FloatArray
     shape: ComplexArray
     stable: BoolArray
+    highest_order: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +107,7 @@ def find_poles(values: FloatArray, rate_hz: float, *, most_order: int) -> Poles:
     column, row = np.nonzero(found.T)
     shapes = shape[row, column] @ basis
     order, hertz, ratio = 2 * column, frequency[row, column], damping[row, column]
-    return Poles(order, hertz, ratio, shapes, _is_stable(order, hertz, shapes))
+    return Poles(order, hertz, ratio, shapes, _is_stable(order, hertz, shapes), most)
 
 
 def _is_stable(order: IntArray, frequency_hz: FloatArray, shape: ComplexArray) -> BoolArray:

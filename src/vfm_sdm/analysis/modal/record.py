@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from vfm_sdm.core.dataset_checks import check_variable
-from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_if_there, write_dataset
+from vfm_sdm.core.files import number_cell
+from vfm_sdm.core.netcdf import read_if_there, write_with_table
 
 __all__ = ["check_modes", "read_modes", "write_modes"]
 
@@ -75,9 +74,8 @@ def write_modes(folder: Path | str, modes: xr.Dataset) -> list[Path]:
             for axis in modes["axis"].values:
                 one = of_mode.sel(point=point, axis=axis)
                 value, std = complex(one["shape"]), float(one["shape_std"])
-                cells = [f"{number:.6g}" if np.isfinite(number) else "" for number in (value.real, value.imag, std)]
+                cells = [number_cell(number) for number in (value.real, value.imag, std)]
                 rows.append([int(mode), *head, str(of_mode["status"].item()), str(point), str(axis), *cells])
     units = [f"{name}_hz" if name.startswith("frequency") else name for name in _COLUMNS]
     header = ["mode", *units, "status", "point", "axis", "shape_real", "shape_imaginary", "shape_std"]
-    file = Path(folder) / _FILE
-    return [write_dataset(file, modes), write_file(file.with_suffix(".csv"), csv_text(header, rows))]
+    return write_with_table(Path(folder) / _FILE, modes, header, rows)

@@ -63,7 +63,7 @@ class Channels:
 def make_channels(
     displacement: xr.Dataset,
     *,
-    axes: tuple[str, ...],
+    axes: tuple[str, ...] | None,
     static: frozenset[str] = frozenset(),
     band_hz: tuple[float, float] | None = None,
 ) -> Channels:
@@ -74,7 +74,7 @@ def make_channels(
     displacement
         Displacement dataset, shape (T, P, 3) [mm].
     axes
-        Names of the axes.
+        Names of the axes; all that were measured when ``None``.
     static
         Points that must not move; they are left out.
     band_hz
@@ -85,9 +85,10 @@ def make_channels(
     DatasetError
         The band or an axis does not fit, or no point has enough samples.
     """
-    unknown = set(axes) - {str(name) for name in displacement["axis"].values}
-    if unknown or not axes:
-        known = ", ".join(map(str, displacement["axis"].values))
+    measured = tuple(str(name) for name in displacement["axis"].values)
+    axes = measured if axes is None else axes
+    if not axes or not set(axes) <= set(measured):
+        known = ", ".join(measured)
         raise DatasetError(f"axis: expected some of {known}, got {', '.join(axes) or 'none'}; name those that count")
     time_s = displacement["time"].values
     if len(time_s) < _FEWEST_SAMPLES:

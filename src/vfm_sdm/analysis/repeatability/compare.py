@@ -8,7 +8,7 @@ import xarray as xr
 
 from vfm_sdm.analysis.repeatability.anova import Spread, analyse_variance
 from vfm_sdm.core.arrays import FloatArray
-from vfm_sdm.core.datasets import Status, check_displacement
+from vfm_sdm.core.datasets import FIRST_SAMPLE, START, Status, check_displacement
 from vfm_sdm.errors import DatasetError
 
 __all__ = ["QUANTITIES", "RepeatedRun", "compare_runs"]
@@ -33,12 +33,24 @@ class RepeatedRun:
         Displacement dataset, shape (T, P, 3) [mm].
     films
         Hashes of the recordings by view; empty where they are not known.
+    still_interval_s
+        Interval whose mean displacement is relative to [s], where that is known.
     """
 
     name: str
     person: str
     displacement: xr.Dataset
     films: Mapping[str, str]
+    still_interval_s: tuple[float, float] | None = None
+
+    @property
+    def origin(self) -> str:
+        """What displacement is relative to, in words; empty where nobody says."""
+        words = str(self.displacement.attrs.get("relative_to", ""))
+        if self.still_interval_s is None or not words.startswith("mean"):
+            return words
+        begin, end = self.still_interval_s
+        return f"{words}, {begin:g}-{end:g} s"
 
 
 def compare_runs(runs: Sequence[RepeatedRun]) -> xr.Dataset:
@@ -56,7 +68,9 @@ def compare_runs(runs: Sequence[RepeatedRun]) -> xr.Dataset:
         ``reproducibility`` as of `Spread`, with their intervals; ``p_value`` [1]; ``stated_std``, the standard
         uncertainty that the runs state, root mean square over runs and samples; and ``consistency``, the
         reproducibility, or with one person the repeatability, over it [1]. By ``run`` beside: ``value`` [mm], whose
-        entry for ``displacement`` is the root mean square difference from the mean of all; and ``person``. NaN where a
+        entry for ``displacement`` is the root mean square difference from the mean of all; ``person``; ``origin``, what
+        displacement is relative to, and ``start``, when time is zero, in words. By ``point``, ``first_frame_differs``:
+        whether displacement is relative to the first valid sample and that is of another frame in some run. NaN where a
         point is not seen by all runs in half of the samples.
 
     Raises
@@ -68,7 +82,8 @@ def compare_runs(runs: Sequence[RepeatedRun]) -> xr.Dataset:
     -----
     The films, and so the noise of their pictures, are the same for all: what differs is where points were placed, what
     was noted of the site, and settings. So the spread is a part of the stated uncertainty, and a consistency above 1
-    says that the runs contradict what they state.
+    says that the runs contradict what they state. Runs whose origins differ differ by a constant beside, which is in
+    ``displacement``, ``rms``, ``highest`` and ``lowest``, and not in ``peak_to_peak``.
 
     Examples
     --------
@@ -115,10 +130,23 @@ def compare_runs(runs: Sequence[RepeatedRun]) -> xr.Dataset:
             "consistency": (dims, single / np.where(stated > 0, stated, np.nan), {"units": "1"}),
             "value": (("run", *dims), values, {"units": "mm"}),
             "person": ("run", [run.person for run in runs]),
+            "origin": ("run", [run.origin for run in runs]),
+            "start": ("run", [str(run.displacement.attrs.get(START, "")) for run in runs]),
+            "first_frame_differs": ("point", [_first_frame_differs(runs, point) for point in points]),
         },
         coords={"run": [run.name for run in runs], "quantity": list(QUANTITIES), "point": points, "axis": axes},
         attrs={"displacement_key": str(runs[0].displacement.attrs.get("key", ""))},
     )
+
+
+def _first_frame_differs(runs: Sequence[RepeatedRun], point: str) -> bool:
+    """Whether displacement of a point is relative to its first valid sample, which is not of one frame in all runs."""
+    firsts = {
+        int(np.argmax(run.displacement["status"].sel(point=point).values == Status.OK))
+        for run in runs
+        if run.origin == FIRST_SAMPLE
+    }
+    return len(firsts) > 1
 
 
 def _check_alike(runs: Sequence[RepeatedRun]) -> None:

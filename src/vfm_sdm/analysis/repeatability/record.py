@@ -8,8 +8,8 @@ import xarray as xr
 
 from vfm_sdm.analysis.repeatability.anova import Spread
 from vfm_sdm.core.dataset_checks import check_variable
-from vfm_sdm.core.files import csv_text, write_file
-from vfm_sdm.core.netcdf import read_if_there, write_dataset
+from vfm_sdm.core.files import number_cell
+from vfm_sdm.core.netcdf import read_if_there, write_with_table
 
 __all__ = ["check_repeatability", "read_repeatability", "write_repeatability"]
 
@@ -33,7 +33,9 @@ def check_repeatability(result: xr.Dataset) -> xr.Dataset:
     for name in _NAMES:
         check_variable(result, name, ("quantity", "point", "axis"), None)
     check_variable(result, "value", ("run", "quantity", "point", "axis"), "mm")
-    check_variable(result, "person", ("run",), None)
+    for name in ("person", "origin", "start"):
+        check_variable(result, name, ("run",), None)
+    check_variable(result, "first_frame_differs", ("point",), None)
     return result
 
 
@@ -76,9 +78,8 @@ def write_repeatability(folder: Path | str, result: xr.Dataset) -> list[Path]:
     rows = []
     for at in np.ndindex(*(len(names) for names in labels)):
         numbers = [*(result[name].values[at] for name in _NAMES), *result["value"].values[:, *at]]
-        cells = [f"{number:.6g}" if np.isfinite(number) else "" for number in numbers]
+        cells = [number_cell(number) for number in numbers]
         rows.append([*(names[i] for names, i in zip(labels, at, strict=True)), *cells])
     plain = ("p_value", "consistency")
     header = ["quantity", "point", "axis", *(name if name in plain else f"{name}_mm" for name in _NAMES), *runs]
-    file = Path(folder) / _FILE
-    return [write_dataset(file, result), write_file(file.with_suffix(".csv"), csv_text(header, rows))]
+    return write_with_table(Path(folder) / _FILE, result, header, rows)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.constants import NORMAL_95
 from vfm_sdm.inputs.profiles.hierarchy import Expected, LensKey, chain_of, collect_moments, expect, shared_words
 from vfm_sdm.inputs.profiles.table import ProfileTable, Scatter, read_scatter, read_table
 from vfm_sdm.inputs.profiles.words import CameraClass
@@ -19,7 +20,6 @@ CROP = 0.913
 _BENT = ("superview", "hyperview")
 """Modes that stretch the picture more at its sides than in its middle, which no radial distortion does."""
 _MAJORITY = 0.5
-_NORMAL_95 = 1.96
 _ENOUGH = 3
 """Calibrators from which on they tell the form of the distortion, and not their own noise."""
 _Rows = npt.NDArray[np.bool_]
@@ -130,8 +130,8 @@ def expect_any() -> Expected:
     [0.3, 1.1, 4.1]
     """
     found = [expect_lens(LensKey(kind)).log_focal for kind in CameraClass]
-    low = min(one.mean - _NORMAL_95 * one.std for one in found)
-    high = max(_LONGEST, *(one.mean + _NORMAL_95 * one.std for one in found))
+    low = min(one.mean - NORMAL_95 * one.std for one in found)
+    high = max(_LONGEST, *(one.mean + NORMAL_95 * one.std for one in found))
     return Expected((low + high) / 2, (high - low) / 4)
 
 
@@ -176,7 +176,7 @@ def expect_lens(
     mean = np.array([one.mean for one in corner] + [0.0] * (3 - order))
     # Modes with other distortion are as probable where the mode is not known.
     away = np.abs(table.corner.sum(axis=1) - mean.sum())
-    spread = _quantile_95(away, table.calibrators, rows & (table.order > 0)) / _NORMAL_95
+    spread = _quantile_95(away, table.calibrators, rows & (table.order > 0)) / NORMAL_95
     undescribed = float(table.calibrators[rows & (table.order == 0)].sum())
     own = moments.levels[finest] not in ("kind", "of the mode", "brand")
     return LensProfile(

@@ -14,7 +14,7 @@ _POSITIVE: Mapping[str, Mapping[str, str]] = {
     "structure": {
         "lateral": "away from the reference camera",
         "vertical": "down",
-        "longitudinal": "along the structure, right-handed with the other two",
+        "longitudinal": "along the structure, to the left for one who faces it from the camera",
     },
     "reference camera": {"right": "to its right", "down": "down", "forward": "away from it"},
     "image plane": {"right": "to the right of the picture", "down": "down in the picture"},

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from vfm_sdm.analysis.field import NOT_OF_STRUCTURE
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.constants import NORMAL_95
 from vfm_sdm.outputs.plots.about import About, positive_direction
 from vfm_sdm.outputs.plots.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, plain_text, reduce_band
 
 __all__ = ["draw_field", "draw_heat_map"]
 
-_COVERAGE = 1.96
 _COLOURS = (VERMILION, BLUE, GREEN, ORANGE)
 _WIDTH_IN = 13.0
 
@@ -54,7 +54,7 @@ def _draw_lines(field: xr.Dataset, displacement: xr.Dataset, axis: str, times_s:
     along = field["point_place"].sel(axis="longitudinal").values[used]
     for time_s, colour in zip(times_s, _COLOURS, strict=False):
         frame = field.sel(axis=axis).sel(time=time_s, method="nearest")
-        line, half = frame["displacement"].values, _COVERAGE * frame["displacement_std"].values
+        line, half = frame["displacement"].values, NORMAL_95 * frame["displacement_std"].values
         points = displacement["displacement"].sel(axis=axis).sel(time=time_s, method="nearest").values
         axes.plot(
             along,

@@ -74,6 +74,8 @@ def draw_stabilisation(modes: xr.Dataset, about: About) -> Figure:
 def draw_shapes(modes: xr.Dataset, about: About) -> Figure:
     """Shapes of the modes in elevation (vertical) and in plan (lateral), along the structure.
 
+    Along the axes of a camera or a picture, where displacement is along these; by point, where places are not known.
+
     Parameters
     ----------
     modes
@@ -90,17 +92,26 @@ def draw_shapes(modes: xr.Dataset, about: About) -> Figure:
         title = (
             f"{int(one['mode'])}: {float(one['frequency']):.3f} Hz, damping {100 * float(one['damping_ratio']):.2f} %"
         )
-        for axes, axis, what in zip(row, ("vertical", "lateral"), ("elevation", "plan"), strict=True):
+        for axes, (axis, what) in zip(row, _shown_axes(one), strict=True):
             _draw_shape(axes, one, axis)
-            axes.set_title(f"{title}, {what} ({axis})", loc="left", fontsize="small")
+            axes.set_title(f"{title}, {what}{axis}", loc="left", fontsize="small")
+    placed = bool(trace_order(modes["position"].transpose("point", "axis").values))
     for axes in panels[-1]:
-        axes.set_xlabel("along the structure [m]")
+        axes.set_xlabel("along the structure [m]" if placed else "point")
     return figure
+
+
+def _shown_axes(modes: xr.Dataset) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Axes of the two columns, and what each shows of a structure."""
+    names = [str(name) for name in modes["axis"].values]
+    if "vertical" in names:
+        return ("vertical", "elevation: "), ("lateral", "plan: ")
+    return ("down", ""), (names[-1] if names[-1] != "down" else names[0], "")
 
 
 def _draw_shape(axes: Axes, one: xr.Dataset, axis: str) -> None:
     places = one["position"].transpose("point", "axis").values
-    order = trace_order(places)
+    order = trace_order(places) or list(range(len(places)))
     along = _along(places)
     axes.axhline(0, color=GREY, linewidth=0.6)
     if axis not in one["axis"].values:
@@ -113,15 +124,17 @@ def _draw_shape(axes: Axes, one: xr.Dataset, axis: str) -> None:
     unknown = [i for i in order if not np.isfinite(shape[i])]
     axes.plot(along[unknown], np.zeros(len(unknown)), "x", color=GREY)
     axes.set_ylim(-1.25, 1.25)
-    if axis == "vertical":
+    if axis in ("vertical", "down"):
         axes.invert_yaxis()  # positive is down
     axes.set_ylabel("shape [1]")
 
 
 def _along(places: FloatArray) -> FloatArray:
-    """Places along the longest extent of the structure [m]; those of unknown points are NaN."""
+    """Places along the longest extent of the structure [m], NaN of unknown points; numbers where all are unknown."""
     known = places[np.isfinite(places).all(axis=1)]
-    return np.asarray(places[:, int(np.argmax(np.ptp(known, axis=0))) if len(known) else 0])
+    if not len(known):
+        return np.arange(1.0, len(places) + 1)
+    return np.asarray(places[:, int(np.argmax(np.ptp(known, axis=0)))])
 
 
 def animate_mode(one: xr.Dataset, about: About) -> bytes:

@@ -57,6 +57,8 @@ FUSION_FORMS: Mapping[str, str] = {
     "0.3 of its scatter is assumed, within a factor of two": "angenommen sind 0,3 seiner Streuung, auf den "
     "Faktor zwei genau",
     "add a point that must not move": "einen Punkt hinzufügen, der sich nicht bewegen darf",
+    "the lag is looked for within {width:n} s of {centre:n} s, by the start times of video and sensor": "der Versatz "
+    "wird im Abstand von {width} s um {centre} s gesucht, nach den Anfangszeiten von Video und Sensor",
     "lag of the sensor": "Versatz des Sensors",
     "sensor {sensor} tells no length": "Sensor {sensor} gibt keine Länge an",
     "the cameras were not found": "die Kameras wurden nicht gefunden",

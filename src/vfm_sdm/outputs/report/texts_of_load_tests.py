@@ -48,6 +48,22 @@ LOAD_TEST_TEXTS: Mapping[str, tuple[str, str]] = {
     "share percent": ("share [%]", "Anteil [%]"),
     "exceeds share": ("P (share > {limit} %)", "P (Anteil > {limit} %)"),
     "slope": ("slope [mm per unit of load]", "Steigung [mm je Lasteinheit]"),
+    "static left out": (
+        "Points that must not move are left out: {count}; {where} holds all points.",
+        "Festpunkte sind weggelassen: {count}; {where} enthält alle Punkte.",
+    ),
+    "static moved in step": (
+        "Static point {point} moved by {size} mm along {axis} in step {number}: a camera moved, or the point did; "
+        "other points may be wrong by as much.",
+        "Festpunkt {point} hat sich in Stufe {number} um {size} mm bewegt ({axis}): eine Kamera oder der Punkt selbst "
+        "hat sich bewegt; andere Punkte können um ebenso viel falsch sein.",
+    ),
+    "static moved in passage": (
+        "Static point {point} moved by {size} mm along {axis} in passage {number}: a camera moved, or the point did; "
+        "other points may be wrong by as much.",
+        "Festpunkt {point} hat sich bei Überfahrt {number} um {size} mm bewegt ({axis}): eine Kamera oder der Punkt "
+        "selbst hat sich bewegt; andere Punkte können um ebenso viel falsch sein.",
+    ),
     # Passages.
     "title passages": ("Passages", "Überfahrten"),
     "passages head": (
@@ -57,6 +73,22 @@ LOAD_TEST_TEXTS: Mapping[str, tuple[str, str]] = {
         "Dynamischer Überhöhungsfaktor: größte Verschiebung durch die größte ihres statischen Anteils, der unterhalb "
         "der Grenzfrequenz liegt. Das Intervall (95 %) enthält Rauschen, die Wahl der Grenzfrequenz und was die "
         "Überfahrt selbst zum statischen Anteil beiträgt.",
+    ),
+    "passages frequency": (
+        "Natural frequency along {axis}: {hertz} Hz, {origin}. The cutoff lies between it and the static part of a "
+        "passage of that duration.",
+        "Eigenfrequenz, {axis}: {hertz} Hz, {origin}. Die Grenzfrequenz liegt zwischen ihr und dem statischen Anteil "
+        "einer Überfahrt dieser Dauer.",
+    ),
+    "passages frequency given": ("as stated", "wie angegeben"),
+    "passages frequency found": (
+        "found as the strongest oscillation of each point",
+        "gefunden als stärkste Schwingung jedes Punkts",
+    ),
+    "passages frequency none": (
+        "Along {axis} no natural frequency stands clear of the noise: static and dynamic part cannot be told apart.",
+        "Keine Eigenfrequenz hebt sich klar vom Rauschen ab ({axis}): statischer und dynamischer Anteil sind nicht zu "
+        "trennen.",
     ),
     "table passages": ("Passages along {axis}.", "Überfahrten, {axis}."),
     "passage time": ("time [s]", "Zeit [s]"),

@@ -7,12 +7,14 @@ __all__ = ["MODE_TEXTS"]
 MODE_TEXTS: Mapping[str, tuple[str, str]] = {
     "title modes": ("Modes", "Eigenformen"),
     "modes settings": (
-        "From {channels} series of {duration} s at {rate} Hz, in the band from {low} to {high} Hz; linear trend and "
-        "everything below the band removed. Modes are found by covariance-driven subspace identification (SSI-cov); "
-        "frequency and damping are those at which the recording is most probable.",
-        "Aus {channels} Reihen von {duration} s mit {rate} Hz, im Band von {low} bis {high} Hz; linearer Trend und "
-        "alles unterhalb des Bandes entfernt. Die Eigenformen findet die kovarianzbasierte Unterraum-Identifikation "
-        "(SSI-cov); Frequenz und Dämpfung sind die, bei denen die Aufnahme am wahrscheinlichsten ist.",
+        "From {channels} series (along {axes}) of {duration} s at {rate} Hz, in the band from {low} to {high} Hz; "
+        "linear trend and everything below the band removed. Modes are found by covariance-driven subspace "
+        "identification (SSI-cov) with models of up to order {order}; frequency and damping are those at which the "
+        "recording is most probable.",
+        "Aus {channels} Reihen ({axes}) von {duration} s mit {rate} Hz, im Band von {low} bis {high} Hz; linearer "
+        "Trend und alles unterhalb des Bandes entfernt. Die Eigenformen findet die kovarianzbasierte "
+        "Unterraum-Identifikation (SSI-cov) mit Modellen bis zur Ordnung {order}; Frequenz und Dämpfung sind die, bei "
+        "denen die Aufnahme am wahrscheinlichsten ist.",
     ),
     "modes none": ("No mode is clear of the noise.", "Keine Eigenform hebt sich klar vom Rauschen ab."),
     "modes short": (

@@ -22,6 +22,24 @@ REPEATABILITY_TEXTS: Mapping[str, tuple[str, str]] = {
         "enthalten; wo sie die angegebene Standardunsicherheit übersteigen, widersprechen die Auswertungen ihren "
         "eigenen Angaben.",
     ),
+    "origin first valid sample": ("first valid sample", "erster gültiger Wert"),
+    "origin mean of the still interval": ("mean of the still interval", "Mittel über das Ruheintervall"),
+    "origin differs": (
+        "Displacement is relative to something else from run to run, so that runs differ by a constant, which is not "
+        "in the peak-to-peak: {listed}.",
+        "Die Verschiebungen der Auswertungen beziehen sich auf Verschiedenes und unterscheiden sich so um eine "
+        "Konstante, die nicht in der Schwingweite ist: {listed}.",
+    ),
+    "start differs": (
+        "The runs state other dates and times for time zero: {listed}.",
+        "Die Auswertungen geben für den Zeitpunkt null Verschiedenes an: {listed}.",
+    ),
+    "first frame differs": (
+        "The first valid sample, which displacement is relative to, is not of the same frame in all runs, so that they "
+        "differ by a constant, which is not in the peak-to-peak: {points}.",
+        "Der erste gültige Wert, auf den sich die Verschiebung bezieht, liegt nicht in allen Auswertungen im selben "
+        "Bild; sie unterscheiden sich um eine Konstante, die nicht in der Schwingweite ist: {points}.",
+    ),
     "table repeatability": ("{quantity}, standard deviations in mm.", "{quantity}, Standardabweichungen in mm."),
     "quantity displacement": ("Displacement (all samples)", "Verschiebung (alle Werte)"),
     "quantity peak_to_peak": ("Peak-to-peak", "Schwingweite"),

@@ -169,8 +169,10 @@ _OTHERS: Mapping[str, tuple[str, str]] = {
         "positiv nach unten: Ein Überbau, der sich durchbiegt, bewegt sich in positiver Richtung",
     ),
     "direction longitudinal": (
-        "horizontal, along the structure; positive as the arrows of plan and pictures show",
-        "horizontal, entlang des Bauwerks; positiv, wie die Pfeile in Grundriss und Bildern zeigen",
+        "horizontal, along the structure; positive to the left for one who faces it from the reference camera's side, "
+        "as the arrows of plan and pictures show",
+        "horizontal, entlang des Bauwerks; positiv nach links, wenn man es von der Seite der Referenzkamera aus "
+        "ansieht, wie die Pfeile in Grundriss und Bildern zeigen",
     ),
     "direction right": (
         "positive to the right in the reference camera's picture",

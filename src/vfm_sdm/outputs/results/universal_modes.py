@@ -89,6 +89,8 @@ def _dataset_55(one: xr.Dataset, number: int, known: np.ndarray) -> list[str]:
     angular = 2 * np.pi * frequency
     pole = angular * complex(-damping, np.sqrt(1 - damping**2))
     shape = np.nan_to_num(one["shape"].transpose("point", "axis").values)
+    # Of a single view two axes are known: a node has three translations in the file.
+    shape = np.pad(shape, ((0, 0), (0, _PER_NODE - shape.shape[1])))
     head = (_STRUCTURAL, _COMPLEX_FIRST_ORDER, _TRANSLATIONS, _DISPLACEMENT, _COMPLEX, _PER_NODE)
     lines = [
         "    -1",

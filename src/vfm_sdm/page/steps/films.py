@@ -9,7 +9,7 @@ from nicegui import ui
 from vfm_sdm.inputs.video import VideoInfo
 from vfm_sdm.page.folder import Film
 from vfm_sdm.page.state import PageState
-from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors
+from vfm_sdm.page.steps.common import in_thread, picture_address, tell_errors, value_at
 
 __all__ = ["show_films"]
 
@@ -31,6 +31,7 @@ def show_films(page: PageState) -> None:
     )
     listed = ui.column().classes("w-full")
     scrubbed = ui.row().classes("w-full no-wrap items-start")
+    rested = ui.column().classes("w-full gap-1")
 
     async def refresh() -> None:
         films = await in_thread(page.project.films)
@@ -41,6 +42,7 @@ def show_films(page: PageState) -> None:
 
     async def preview() -> None:
         scrubbed.clear()
+        rested.clear()
         views = page.fields.get("view", ())
         if not views:
             return
@@ -48,6 +50,8 @@ def show_films(page: PageState) -> None:
         with scrubbed:
             for number, view in enumerate(views):
                 _scrub(page, number, view, pictures.recordings[view["name"]].info)
+        with rested:
+            _rest(page)
 
     ui.button("Look again", icon="refresh", on_click=tell_errors(refresh)).props("flat dense")
     ui.timer(0, tell_errors(refresh), once=True)
@@ -175,6 +179,35 @@ def _offset(page: PageState, view: dict[str, Any]) -> None:
         page.draft.put(("view", str(view["name"]), "time_offset_s"), stated)
 
     later.on_value_change(tell_errors(keep))
+
+
+def _rest(page: PageState) -> None:
+    """When the structure rests, where that is known: displacement is relative to its mean there."""
+    still = value_at(page.fields, ("method", "still_interval_s")) or (None, None)
+    with ui.row().classes("items-center"):
+        begin = ui.number("structure at rest from [s], if known", value=still[0], min=0).props("dense clearable")
+        end = ui.number("at rest to [s]", value=still[1], min=0).props("dense clearable")
+        begin.classes("w-72")
+    with begin:
+        ui.tooltip(
+            "Counted from where the reference film is used from. Displacement is relative to the mean in that time; "
+            "left empty, to the first frame."
+        )
+    says = ui.label("").classes("text-negative")
+
+    async def keep() -> None:
+        first, last = begin.value, end.value
+        if first is None and last is None:
+            says.set_text("")
+            page.draft.put(("method", "still_interval_s"), None)
+            return
+        holds = last is not None and float(first or 0.0) < float(last)
+        says.set_text("" if holds else "not kept: expected a begin, and an end after it")
+        if holds:
+            page.draft.put(("method", "still_interval_s"), [float(first or 0.0), float(last)])
+
+    for one in (begin, end):
+        one.on_value_change(tell_errors(keep))
 
 
 def _first(video: object) -> str:

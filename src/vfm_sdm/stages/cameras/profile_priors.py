@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.constants import NORMAL_95
 from vfm_sdm.errors import CameraError
 from vfm_sdm.inputs.profiles import (
     LensKey,
@@ -29,7 +30,6 @@ __all__ = [
     "prior_of_unknown",
 ]
 
-_NORMAL_95 = 1.96
 _UNKNOWN_CORNER_STD = 0.025
 """Radial distortion at the image corner, over the radius: usual for lenses that are not wide-angle."""
 _APART = 1.96
@@ -213,7 +213,7 @@ def _prior(profile: LensProfile, notes: tuple[str, ...]) -> LensPrior:
 def _describe(source: str, profile: LensProfile) -> str:
     """What was found, by how many, and how far it holds."""
     focal = profile.log_focal
-    low, high = (100 * np.expm1(sign * _NORMAL_95 * focal.std) for sign in (-1, 1))
+    low, high = (100 * np.expm1(sign * NORMAL_95 * focal.std) for sign in (-1, 1))
     of = {
         "kind": "cameras of the kind",
         "of the mode": "cameras of the kind in this mode",

@@ -6,7 +6,7 @@ import xarray as xr
 
 from vfm_sdm.core.arrays import FloatArray, as_float_array
 from vfm_sdm.core.covariances import edges_across, find_edges, judged_std
-from vfm_sdm.core.datasets import DisplacementArrays, check_tracks, make_displacement
+from vfm_sdm.core.datasets import FIRST_SAMPLE, IMAGE_PLANE, DisplacementArrays, check_tracks, make_displacement
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.displacement.edges import OPEN_SHARE, UNKNOWN_MOTION_M
@@ -142,9 +142,9 @@ def compute_planar_displacement(
             status=tracks["status"].values,
         ),
         attrs={
-            "frame": "image plane",
+            "frame": IMAGE_PLANE,
             "mm_per_px": mm_per_px,
-            "relative_to": "first valid sample" if still_interval_s is None else "mean of the still interval",
+            "relative_to": FIRST_SAMPLE if still_interval_s is None else "mean of the still interval",
         },
     )
     return displacement.assign(origin=(("point", "axis"), origin, {"units": "px"}))

@@ -10,6 +10,7 @@ from vfm_sdm.core.arrays import BoolArray, FloatArray, IntArray
 from vfm_sdm.core.covariances import find_edges
 from vfm_sdm.core.datasets import (
     CAMERA_AXES,
+    FIRST_SAMPLE,
     PIXEL,
     STRUCTURE_AXES,
     DisplacementArrays,
@@ -171,7 +172,7 @@ def compute_displacement(
         attrs={
             "frame": "reference camera" if frame is None else "structure",
             "baseline_m": rig.baseline() if len(rig) > 1 else float("nan"),
-            "relative_to": "first valid sample" if still_interval_s is None else "mean of the still interval",
+            "relative_to": FIRST_SAMPLE if still_interval_s is None else "mean of the still interval",
         },
     )
     displacement = displacement.assign(origin=(("point", "axis"), origin, {"units": "m"}))

@@ -4,9 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import numpy as np
-
-from vfm_sdm.core.files import csv_text, write_file
+from vfm_sdm.core.files import csv_text, number_cell, write_file
 from vfm_sdm.core.statuses import SessionOutcome
 from vfm_sdm.measurement import Measurement
 from vfm_sdm.outputs.results import first_cause
@@ -110,9 +108,5 @@ def write_rows(path: Path, rows: Iterable[BatchRow]) -> Path:
     """
     names = [field.name for field in fields(BatchRow)]
     lines = ([getattr(row, name) for name in names] for row in rows)
-    cells = [[_round(cell) if isinstance(cell, float) else cell for cell in line] for line in lines]
+    cells = [[number_cell(cell) if isinstance(cell, float) else cell for cell in line] for line in lines]
     return write_file(path, csv_text(names, cells))
-
-
-def _round(value: float) -> str:
-    return f"{value:.6g}" if np.isfinite(value) else ""

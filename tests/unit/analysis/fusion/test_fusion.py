@@ -1,14 +1,17 @@
 """Fusion of video and accelerometer: what comes out beside the truth, how well it says so, and where it declines."""
 
 from dataclasses import replace
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from vfm_sdm.analysis.fusion import FusionSettings, fuse, read_fusion, write_fusion
+from vfm_sdm.core.datasets import START
 from vfm_sdm.core.statuses import FusionStatus
 from vfm_sdm.errors import DatasetError, ResultsError
+from vfm_sdm.outputs.report import find_language
 from vfm_sdm.stages.synchronize import LagSearch
 from vfm_sdm.studies.synthetic.sensed_point import STATIC, SensedPoint, record_point
 
@@ -151,6 +154,39 @@ def test_a_lag_outside_the_search_has_no_fusion(records):
     found = fuse(displacement, acceleration, "mid", axes=["vertical"], settings=settings)
     assert found.attrs["status"] != FusionStatus.OK
     assert found.sizes["time"] == 0
+
+
+@pytest.fixture(scope="module")
+def late():
+    """Records whose clocks are 40 s apart, as their start times say to the second, with three gaps of the logger."""
+    what = SensedPoint(duration_s=15.0)
+    displacement, acceleration, _ = record_point(what, 2)
+    values, seconds = acceleration["acceleration"].values.copy(), acceleration["time"].values
+    for begin in (3.5, 7.2, 11.0):
+        values[(seconds >= begin) & (seconds < begin + 0.1)] = np.nan
+    acceleration = acceleration.assign(acceleration=acceleration["acceleration"].copy(data=values))
+    acceleration = acceleration.assign_coords(time=("time", seconds + 40.0, {"units": "s"}))
+    lag_s = what.lag_s + 40.0
+    acceleration.attrs["start_utc"] = "2026-11-20T10:15:18.600+00:00"
+    # An event at time zero of the video is at lag_s on the sensor's clock, which began at 39.7 s.
+    begun = datetime.fromisoformat("2026-11-20T10:15:18.600+00:00") + timedelta(seconds=lag_s - 39.7)
+    return displacement.assign_attrs({START: begun.replace(microsecond=0).isoformat()}), acceleration, lag_s
+
+
+def test_start_times_tell_where_the_lag_lies_and_missing_samples_do_not_hide_it(late):
+    displacement, acceleration, lag_s = late
+    found = fuse(displacement, acceleration, "mid", axes=["vertical"], static=STATIC)
+    assert found.attrs["status"] == FusionStatus.OK, found.attrs["notes"]
+    assert abs(float(found["lag"][0]) - lag_s) < max(4 * float(found["lag_std"][0]), 1e-3)
+    (note,) = [one for one in found.attrs["notes"] if "start times" in one]
+    assert note.startswith("the lag is looked for within 2 s of 40.1")
+    assert "nach den Anfangszeiten" in find_language("de").tell(note).text
+
+
+def test_without_start_times_a_lag_far_away_is_not_found(late):
+    displacement, acceleration, _ = late
+    del acceleration.attrs["start_utc"]
+    assert fuse(displacement, acceleration, "mid", axes=["vertical"]).attrs["status"] != FusionStatus.OK
 
 
 def test_without_static_points_a_note_says_what_is_assumed(records):

@@ -74,3 +74,22 @@ def test_standing_is_found_inside_what_stands(seed):
 def test_a_recording_too_short_for_its_steps_is_refused():
     with pytest.raises(DatasetError, match="expected a recording in which 6 steps can be told, got 200 frames"):
         find_plateaus(np.arange(200) / RATE, np.zeros((200, 1)), 6)
+
+
+@pytest.mark.parametrize("hidden", [(0.0, 10.0), (76.0, 84.0), (30.0, 44.0)], ids=["begin", "between", "in a step"])
+def test_what_is_not_seen_is_no_level(hidden):
+    """Fog for a while: the other steps are found where they stand, and no step lies where nothing is seen."""
+    levels = np.array([3.0, 1.0, 5.0, 2.0])
+    seconds, values, true = standing(levels, np.random.default_rng(1))
+    values[(seconds >= hidden[0]) & (seconds < hidden[1])] = np.nan
+    found = find_plateaus(seconds, values[:, None], len(levels))
+    for (begin, end), (stands, moves) in zip(found, true, strict=True):
+        assert stands - 0.5 <= begin < end <= moves + 0.5
+        assert np.isfinite(values[(seconds >= begin) & (seconds <= end)]).mean() > 0.5
+
+
+def test_a_recording_that_shows_too_little_is_refused():
+    values = np.full((900, 1), np.nan)
+    values[:200] = 0.0
+    with pytest.raises(DatasetError, match="expected a recording in which 4 steps are seen, got 22% of it"):
+        find_plateaus(np.arange(900) / RATE, values, 4)

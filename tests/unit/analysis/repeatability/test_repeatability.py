@@ -2,6 +2,7 @@
 
 import csv
 import io
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,10 +17,12 @@ from vfm_sdm.analysis.repeatability import (
     read_repeatability,
     write_repeatability,
 )
-from vfm_sdm.commands.repeat import _tabulate
-from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
+from vfm_sdm.commands.repeat import _explain, _tabulate
+from vfm_sdm.core.datasets import START, STRUCTURE_AXES, DisplacementArrays, Status, make_displacement
 from vfm_sdm.core.netcdf import write_displacement
 from vfm_sdm.errors import DatasetError
+from vfm_sdm.outputs.report import find_language
+from vfm_sdm.outputs.report.sections.repeatability import describe_repeatability
 
 
 def dataset(values_mm, *, names=("mid", "quarter"), std_mm=0.05, key="a"):
@@ -153,6 +156,36 @@ def test_files_say_what_was_compared(tmp_path):
     assert float(row["run 2_mm"]) == pytest.approx(float(one["value"].sel(run="run 2")), rel=1e-5)
     netcdf.unlink()
     assert read_repeatability(tmp_path) is None
+
+
+def test_runs_that_are_relative_to_something_else_are_named(tmp_path):
+    """Three runs of one result: from the first sample, from a mean, and from a later sample as the first was lost."""
+    values = runs_of([1.0], ["anna"])[0].displacement["displacement"].values
+    first = dataset(values).assign_attrs(relative_to="first valid sample", **{START: "2026-11-20T10:15:30+00:00"})
+    mean = dataset(values + 0.4).assign_attrs(relative_to="mean of the still interval")
+    later = first.copy(deep=True)
+    later["status"][:5, 0] = Status.LOST
+    people = (("a", first, None), ("b", mean, (0.0, 2.5)), ("c", later, None))
+    result = compare_runs([RepeatedRun(name, name, data, {}, still) for name, data, still in people])
+    write_repeatability(tmp_path, result)
+    stored = read_repeatability(tmp_path)
+    said = "; ".join(_explain(stored))
+    assert (
+        "relative to something else from run to run (a: first valid sample; b: mean of the still interval, 0-2.5 s;"
+        in said
+    )
+    assert "time is zero at other dates from run to run (a: 2026-11-20T10:15:30+00:00; b: not stated" in said
+    assert "the first valid sample is not of the same frame in all runs: mid; what differs" in said
+    inputs = SimpleNamespace(folder=tmp_path, displacement=first)
+    told = [one.text for one in describe_repeatability(inputs, find_language("de")).blocks if one.kind == "paragraph"]
+    assert any("b: Mittel über das Ruheintervall, 0-2.5 s; c: erster gültiger Wert" in one for one in told)
+    assert any("nicht in allen Auswertungen im selben Bild" in one and one.endswith(": mid.") for one in told)
+
+
+def test_runs_of_one_origin_need_no_word():
+    said = "; ".join(_explain(compare_runs(runs_of([1.0, 1.01], ["anna", "ben"]))))
+    assert "relative" not in said
+    assert "time is zero" not in said
 
 
 def test_no_number_of_the_table_is_cut_at_80_columns():

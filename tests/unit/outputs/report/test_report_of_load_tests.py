@@ -72,7 +72,7 @@ def test_steps_are_those_of_the_file(run, page):
     root, german, _ = page
     rows = rows_under(root, "Laststufen, vertikal" if german else "Steps along vertical")
     result = read_load_test(run).sel(axis="vertical")
-    assert len(rows) == 3 * 6  # static points, too: what moves there is an error
+    assert len(rows) == 3 * 3  # static points stand in the file
     first = next(n for n, row in enumerate(rows) if row[0][0] == "p1")
     for number, row in enumerate(rows[first : first + 3]):
         one = result.sel(point="p1").isel(step=number)
@@ -103,6 +103,22 @@ def test_passages_are_those_of_the_file(run, page):
     assert ("Einflusslinien" if german else "Influence lines") in text
     # A drawing for the loads, one for the lines.
     assert len(re.findall('aria-label="(?:Durchbiegung|deflection|Verschiebung über|displacement against)', text)) == 2
+
+
+def test_static_points_are_left_out_and_told_where_they_moved(page):
+    _, german, text = page
+    assert text.count("Festpunkte sind weggelassen: 3" if german else "Points that must not move are left out: 3") == 2
+    assert ("hat sich in Stufe" if german else "mm along vertical in step") not in text
+
+
+def test_the_frequency_and_where_it_is_from_are_told(run, page):
+    _, german, text = page
+    known = read_passages_of_run(run)["frequency"].sel(axis="vertical", point=["mid & <span>", "p1", "p2"]).values
+    assert known == pytest.approx(4.0, abs=0.1)
+    words = "Eigenfrequenz, vertikal: " if german else "Natural frequency along vertical: "
+    (told,) = re.findall(re.escape(words) + "([0-9.,]+)", text)
+    assert float(told.replace(",", ".")) == pytest.approx(known.min(), abs=0.005)
+    assert ("gefunden als" if german else "found as the strongest") in text
 
 
 def test_without_their_files_nothing_is_said(run, page, tmp_path):

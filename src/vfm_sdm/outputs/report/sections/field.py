@@ -3,6 +3,7 @@
 import numpy as np
 
 from vfm_sdm.analysis.field import extreme_times
+from vfm_sdm.core.constants import NORMAL_95
 from vfm_sdm.outputs.report.content import Block, Cell, Paragraph, Section, Table
 from vfm_sdm.outputs.report.inputs import ReportInputs
 from vfm_sdm.outputs.report.language import Language
@@ -12,7 +13,6 @@ __all__ = ["describe_field"]
 
 _AXIS = "vertical"
 _STATIONS = 11
-_COVERAGE = 1.96
 
 
 def describe_field(inputs: ReportInputs, language: Language) -> Section | None:
@@ -43,7 +43,7 @@ def describe_field(inputs: ReportInputs, language: Language) -> Section | None:
         cells = [language.cell(float(one["station"].values[row]), 2)]
         for time_s in times_s:
             here = one.isel(station=row).sel(time=time_s, method="nearest")
-            value, half = float(here["displacement"]), _COVERAGE * float(here["displacement_std"])
+            value, half = float(here["displacement"]), NORMAL_95 * float(here["displacement_std"])
             cells.append(Cell(f"{language.write(value, 2)} ± {language.write(half, 2)}", value))
         rows.append(tuple(cells))
     heads = [language.say("field at", seconds=language.write(time_s, 2)) for time_s in times_s]

@@ -3,8 +3,9 @@
 import numpy as np
 import xarray as xr
 
-from vfm_sdm.analysis.load_test import read_load_test, read_passages_of_run
+from vfm_sdm.analysis.load_test import drop_static, find_moved_static, read_load_test, read_passages_of_run
 from vfm_sdm.core.arrays import FloatArray
+from vfm_sdm.core.constants import KM_H
 from vfm_sdm.outputs.plots.drawing import BLUE, GREY, ORANGE, VERMILION
 from vfm_sdm.outputs.report.content import Block, Cell, Figure, Paragraph, Section, Table
 from vfm_sdm.outputs.report.drawing import WIDTH, Drawing, Panel, shorten, span_of
@@ -18,7 +19,6 @@ _MOST_POINTS, _MOST_CURVES = 40, 6
 _COLUMNS = 2
 _LEFT, _GAP, _PANEL, _TOP, _BOTTOM = 62.0, 84.0, 130.0, 22.0, 44.0
 _COLOURS = (BLUE, VERMILION, ORANGE, GREY)
-_KM_H = 3.6
 
 
 def describe_load_test(inputs: ReportInputs, language: Language) -> Section | None:
@@ -35,17 +35,17 @@ def describe_load_test(inputs: ReportInputs, language: Language) -> Section | No
     if result is None:
         return None
     blocks: list[Block] = [*warn_outdated(inputs, result, "load-test", language)]
-    for axis in _chosen_axes(result["largest"], result["calculated"]):
-        one, name = result.sel(axis=axis), language.word("axis", axis)
+    shown = drop_static(result, inputs.static)
+    for axis in _chosen_axes(shown["largest"], shown["calculated"]):
+        one, name = shown.sel(axis=axis), language.word("axis", axis)
         points = _largest(one["largest"].values, one["point"].values)
         blocks.append(Paragraph(language.say("load test head", axis=name)))
         blocks.append(_tabulate_steps(one, points[:_MOST_POINTS], language))
         blocks.append(_tabulate_residuals(one, points[:_MOST_POINTS], language))
-        blocks.append(
-            Figure(language.say("figure load", axis=name), _draw_loads(one, _moving(points, inputs), language))
-        )
+        blocks.append(Figure(language.say("figure load", axis=name), _draw_loads(one, points[:_MOST_CURVES], language)))
     stillness = "stillness found" if result.attrs["stillness"] == "found" else "stillness given"
     blocks.append(Paragraph(language.say(stillness), "quiet"))
+    blocks += _tell_static(inputs, result, "load_test.csv", language)
     return Section(language.say("title load test"), tuple(blocks))
 
 
@@ -62,17 +62,20 @@ def describe_passages(inputs: ReportInputs, language: Language) -> Section | Non
     result = read_passages_of_run(inputs.folder)
     if result is None:
         return None
-    largest = result["largest_static"].transpose("passage", "point", "axis")
+    shown = drop_static(result, inputs.static)
+    largest = shown["largest_static"].transpose("passage", "point", "axis")
     sizes = xr.DataArray(np.abs(largest.values).max(axis=0), coords=[largest["point"], largest["axis"]])
     blocks: list[Block] = [*warn_outdated(inputs, result, "passages", language)]
     blocks.append(Paragraph(language.say("passages head")))
     for axis in _chosen_axes(sizes, None):
-        one, name = result.sel(axis=axis), language.word("axis", axis)
+        one, name = shown.sel(axis=axis), language.word("axis", axis)
+        blocks.append(Paragraph(_tell_frequency(one, name, language)))
         points = _largest(sizes.sel(axis=axis).values, one["point"].values)
         blocks.append(_tabulate_passages(one, points[:_MOST_POINTS], language))
         line = "influence" if "influence" in one and np.isfinite(one["influence"]).any() else "static"
         caption = language.say(f"figure {line}", axis=name)
-        blocks.append(Figure(caption, _draw_lines(one, line, _moving(points, inputs), language)))
+        blocks.append(Figure(caption, _draw_lines(one, line, points[:_MOST_CURVES], language)))
+    blocks += _tell_static(inputs, result, "passages.csv", language)
     return Section(language.say("title passages"), tuple(blocks))
 
 
@@ -93,9 +96,30 @@ def _largest(sizes: FloatArray, names: np.ndarray) -> list[str]:
     return [str(names[i]) for i in order if np.isfinite(sizes[i])]
 
 
-def _moving(points: list[str], inputs: ReportInputs) -> list[str]:
-    """The first of the points that may move."""
-    return [point for point in points if point not in inputs.static][:_MOST_CURVES]
+def _tell_static(inputs: ReportInputs, result: xr.Dataset, where: str, language: Language) -> list[Block]:
+    """How many points are not shown because they must not move, and which of them moved."""
+    left = sum(str(name) in inputs.static for name in result["point"].values)
+    if not left:
+        return []
+    blocks: list[Block] = [Paragraph(language.say("static left out", count=left, where=where), "quiet")]
+    of = "step" if "deflection" in result else "passage"
+    for one in find_moved_static(result, inputs.static):
+        size = _with(one.value_mm, one.expanded_mm, language).text
+        name = language.word("axis", one.axis)
+        said = language.say(f"static moved in {of}", point=one.point, size=size, axis=name, number=one.number)
+        blocks.append(Paragraph(said, "care"))
+    return blocks
+
+
+def _tell_frequency(one: xr.Dataset, axis: str, language: Language) -> str:
+    """Natural frequency by which static and dynamic part are told apart along an axis, and where it is from."""
+    known = one["frequency"].values[np.isfinite(one["frequency"].values)]
+    if not known.size:
+        return language.say("passages frequency none", axis=axis)
+    low, high = (language.write(float(value), 2) for value in (known.min(), known.max()))
+    origin = language.say(f"passages frequency {one.attrs['frequency']}")
+    between = low if low == high else f"{low} – {high}"
+    return language.say("passages frequency", axis=axis, hertz=between, origin=origin)
 
 
 def _with(value: float, expanded: float, language: Language) -> Cell:
@@ -173,7 +197,7 @@ def _tabulate_passages(one: xr.Dataset, points: list[str], language: Language) -
                     Cell(
                         f"{language.write(float(passage['begin_s']), 1)} – {language.write(float(passage['end_s']), 1)}"
                     ),
-                    language.cell(_KM_H * float(passage["speed_m_s"]), 1),
+                    language.cell(KM_H * float(passage["speed_m_s"]), 1),
                     _with(float(passage["largest_total"]), float(passage["total_uncertainty"]), language),
                     _with(float(passage["largest_static"]), float(passage["static_uncertainty"]), language),
                     language.cell(float(passage["amplification"]), 3),

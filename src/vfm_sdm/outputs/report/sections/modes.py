@@ -17,6 +17,8 @@ __all__ = ["describe_modes"]
 _BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#bbbbbb"
 _LEFT, _RIGHT, _HEIGHT, _ROW = 60.0, 20.0, 250.0, 90.0
 _ANY = 1e-30
+_DRAWN = (("vertical", _BLUE, -1), ("lateral", _ORANGE, 1), ("down", _BLUE, -1), ("forward", _ORANGE, 1))
+"""Axes of the structure, or of the reference camera, their colours, and the sign that is upwards in a drawing."""
 
 
 def describe_modes(inputs: ReportInputs, language: Language) -> Section | None:
@@ -56,7 +58,9 @@ def _tell_settings(modes: xr.Dataset, language: Language) -> str:
         "duration": modes.attrs["duration_s"], "rate": modes.attrs["sampling_rate_hz"], "low": low, "high": high
     }  # fmt: skip
     shown = {name: language.digits(value, 4).text for name, value in numbers.items()}
-    return language.say("modes settings", channels=modes.attrs["channels"], **shown)
+    axes = ", ".join(language.word("axis", str(name)) for name in modes.attrs["axes"].split(", "))
+    order = modes.attrs["highest_order"]
+    return language.say("modes settings", channels=modes.attrs["channels"], axes=axes, order=order, **shown)
 
 
 def _tabulate(modes: xr.Dataset, language: Language) -> Table:
@@ -143,7 +147,9 @@ def _draw_shapes(modes: xr.Dataset, language: Language) -> str:
         drawing.line(panel.place(panel.x_range, [0.0, 0.0]), _GREY, width=0.8)
         hertz = language.write(float(one["frequency"]), 3)
         drawing.text(_LEFT, top - 5, language.say("mode line", mode=number + 1, hertz=hertz), size=10.5)
-        for axis, colour, up in (("vertical", _BLUE, -1), ("lateral", _ORANGE, 1)):  # vertical is positive downwards
+        for axis, colour, up in _DRAWN:
+            if axis not in one["axis"].values:
+                continue
             shape = up * one["shape"].sel(axis=axis).values.real[points]
             known = np.isfinite(shape)
             if known.any():

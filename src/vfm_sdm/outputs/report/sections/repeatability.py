@@ -31,8 +31,27 @@ def describe_repeatability(inputs: ReportInputs, language: Language) -> Section 
     people = sorted({str(name) for name in result["person"].values})
     head = language.say("repeatability head", count=result.sizes["run"], people=len(people), names=", ".join(people))
     blocks: list[Block] = [*warn_outdated(inputs, result, "repeat", language), Paragraph(head)]
+    blocks += _tell_origins(result, language)
     blocks += [_tabulate(result.sel(quantity=quantity), quantity, language) for quantity in _SHOWN]
     return Section(language.say("title repeatability"), tuple(blocks))
+
+
+def _tell_origins(result: xr.Dataset, language: Language) -> list[Block]:
+    """What the runs measure from, where it is not the same."""
+    blocks: list[Block] = []
+    for name in ("origin", "start"):
+        stated = [str(one) for one in result[name].values]
+        if len(set(stated)) > 1:
+            # An interval of seconds may follow the words.
+            told = (
+                ", ".join([language.word("origin", first), *rest]) for first, *rest in (s.split(", ") for s in stated)
+            )
+            listed = "; ".join(f"{run}: {one or UNKNOWN}" for run, one in zip(result["run"].values, told, strict=True))
+            blocks.append(Paragraph(language.say(f"{name} differs", listed=listed), "care"))
+    points = result["point"].values[result["first_frame_differs"].values.astype(bool)]
+    if points.size:
+        blocks.append(Paragraph(language.say("first frame differs", points=", ".join(map(str, points[:5]))), "care"))
+    return blocks
 
 
 def _tabulate(result: xr.Dataset, quantity: str, language: Language) -> Table:
