@@ -22,6 +22,7 @@ from vfm_sdm.networks.posediffusion.guidance import Guide, ImageMatches  # noqa:
 from vfm_sdm.networks.posediffusion.inference import PoseDiffusionInference  # noqa: E402
 from vfm_sdm.networks.posediffusion.model import PoseDiffusion  # noqa: E402
 from vfm_sdm.networks.posediffusion.pose import decode_pose, encode_pose  # noqa: E402
+from vfm_sdm.stages.cameras import posediffusion  # noqa: E402
 from vfm_sdm.stages.cameras.base import find_estimator  # noqa: E402
 from vfm_sdm.stages.matching.matches import Matches  # noqa: E402
 
@@ -97,6 +98,27 @@ def test_named_failures_have_no_rig(asked, change, status):
     assert estimate.notes[-1] == "use another camera estimator"
 
 
+@pytest.mark.parametrize(
+    ("guided", "agreeing", "doubt"),
+    [
+        (True, 1.0, None),
+        (True, 0.5, None),
+        (True, 0.25, "PoseDiffusion: 10 of 40 matches of 'left' and 'right' agree with its cameras; they are probably w"),
+        (False, 0.25, "PoseDiffusion: 10 of 40 matches agree with its cameras, too few to guide it"),
+    ],
+)
+def test_matches_that_do_not_agree_with_the_network_are_a_note(asked, monkeypatch, guided, agreeing, doubt):
+    u = np.random.default_rng(0).uniform(0, 300, (40, 2))
+    monkeypatch.setattr(posediffusion, "related_matches", lambda *_: ((Matches(0, 1, u, u),), ()))
+
+    def change(known):
+        known.guided, known.agreeing = guided, agreeing
+
+    _, estimate = asked(change=change)
+    assert estimate.status == "ok"
+    assert [note[: len(doubt or "")] for note in estimate.notes] == ([] if doubt is None else [doubt])
+
+
 def scene(poses, count=60):
     """Pixels of points in the network's pictures of two cameras, and the guide that they make."""
     rng = np.random.default_rng(2)
@@ -162,12 +184,18 @@ def test_pictures_of_any_sizes_give_the_same_cameras_again():
     [
         (torch.zeros(2, 3, 224, 224, dtype=torch.uint8), torch.zeros(100, 2, 9), "images: expected floating-point"),
         (torch.zeros(2, 224, 224), torch.zeros(100, 2, 9), "images: expected floating-point"),
-        (torch.zeros(2, 3, 224, 224), torch.zeros(100, 3, 9), r"noise: expected shape \(steps, 2, 9\)"),
+        (torch.zeros(2, 3, 224, 224), torch.zeros(100, 3, 9), r"noise: expected shape \(100, 2, 9\)"),
     ],
 )
 def test_wrong_shapes_are_one_line(images, noise, message):
     with pytest.raises(DatasetError, match=message):
         posediffusion_on_cpu().network.sample(images, noise)
+
+
+def test_weights_of_another_network_are_named_with_their_file(tmp_path):
+    torch.save({"module.layer.weight": torch.zeros(3)}, tmp_path / "other.pth")
+    with pytest.raises(BackendUnavailableError, match=r"^weights other\.pth: expected the 271 .*; 1 unexpected \(layer"):
+        PoseDiffusionInference.load(str(tmp_path / "other.pth"), device="cpu")
 
 
 def test_weights_of_another_schedule_are_refused(tmp_path):
