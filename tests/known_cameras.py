@@ -61,14 +61,15 @@ class KnownGuidedCameras:
         self.cam_from_world[:, :, 3] = self.cam_from_world[:, :, 3] / UNIT_M + self.cam_from_world[:, :, :3] @ _ORIGIN
         self.cam_from_world[:, :, :3] = self.cam_from_world[:, :, :3] @ _WORLD
         self.focal_px = np.array([c.K[[0, 1], [0, 1]] for c in rig.cameras])
-        self.guided, self.matches = True, None
+        self.guided, self.agreeing, self.matches = True, 1.0, None
 
     def estimate_poses(self, pictures, matches=()):
         from vfm_sdm.networks.posediffusion.inference import GuidedPoses
 
         self.matches = matches
         chosen = [next(k for k, p in enumerate(self.pictures) if np.array_equal(p, one)) for one in pictures]
-        near = np.ones(sum(len(m.points_first) for m in matches), dtype=bool)
+        parts = [np.arange(len(m)) < self.agreeing * len(m) for m in matches]
+        near = np.concatenate([np.zeros(0, dtype=bool), *parts])
         return GuidedPoses(self.cam_from_world[chosen], self.focal_px[chosen], near, self.guided)
 
 

@@ -123,6 +123,8 @@ class CameraStatus(StrEnum):
     SEVERAL = "several cameras agree with everything known"
     """The uncertainty spans them; a note names the reading that would decide."""
     NOT_CONVERGED = "site adjustment did not converge"
+    BEHIND = "the scene lies behind the cameras"
+    """Most matches of two views do not meet in front of both: the baseline is reversed, or a camera turned about."""
 
 
 class BoardStatus(StrEnum):

@@ -11,7 +11,7 @@ from torch.nn.attention import SDPBackend, sdpa_kernel
 from vfm_sdm.errors import BackendUnavailableError, DeviceMemoryError
 from vfm_sdm.networks.interface import Precision
 
-__all__ = ["Placement", "choose_placement"]
+__all__ = ["Placement", "choose_placement", "one_thread"]
 
 _ATTENTION = [
     SDPBackend.CUDNN_ATTENTION,
@@ -117,3 +117,25 @@ def choose_placement(device: str = "auto", precision: Precision = "auto") -> Pla
     # Older GPUs emulate it, at a loss.
     has_bfloat16 = chosen.type == "cuda" and torch.cuda.get_device_capability(chosen) >= (8, 0)
     return Placement(chosen, precision == "bfloat16" or (precision == "auto" and has_bfloat16))
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Context in which PyTorch computes on one thread of the processor, so that sums have one order on any machine.
+
+    Notes
+    -----
+    The number is the process's own: other networks that run meanwhile have one thread, too.
+
+    Examples
+    --------
+    >>> with one_thread():
+    ...     torch.get_num_threads()
+    1
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -30,6 +30,10 @@ class _Contents:
     shapes: dict[str, tuple[int, ...]]
     read: Callable[[str], "torch.Tensor"]
 
+    def unwrapped(self, prefix: str) -> "_Contents":
+        keys = {key.removeprefix(prefix): key for key in self.shapes}
+        return _Contents(self.label, {k: self.shapes[key] for k, key in keys.items()}, lambda k: self.read(keys[k]))
+
 
 def read_state(name_or_path: str | Path, *, dtype: "torch.dtype | None" = None) -> dict[str, "torch.Tensor"]:
     """Every tensor of a file of weights, by its key.
@@ -60,6 +64,7 @@ def load_weights(
     source: "str | Path | Mapping[str, torch.Tensor]",
     *,
     optional_prefixes: Sequence[str] = (),
+    wrapped_in: str = "",
     dtype: "torch.dtype | None" = None,
 ) -> None:
     """Puts weights into a module, key by key: none may be missing, left over or of another shape.
@@ -74,6 +79,8 @@ def load_weights(
     optional_prefixes
         Keys that begin with one of these and that the module lacks are skipped without being read: heads that were
         not built.
+    wrapped_in
+        Prefix that training may have put in front of every key; it is taken off where it is.
     dtype
         Floating-point tensors are converted to it; kept as stored when ``None``.
 
@@ -91,7 +98,8 @@ def load_weights(
     >>> layer(torch.ones(1, 2)).item()
     7.0
     """
-    with _open_contents(source) as contents:
+    with _open_contents(source) as stored:
+        contents = stored.unwrapped(wrapped_in)
         expected = {key: tuple(value.shape) for key, value in module.state_dict().items()}
         optional = tuple(optional_prefixes)
         offered = {key for key in contents.shapes if key in expected or not key.startswith(optional)}

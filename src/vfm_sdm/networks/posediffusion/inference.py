@@ -10,9 +10,9 @@ import torch
 
 from vfm_sdm.core.arrays import FloatArray
 from vfm_sdm.errors import BackendUnavailableError
-from vfm_sdm.networks.device import Placement, choose_placement
+from vfm_sdm.networks.device import Placement, choose_placement, one_thread
 from vfm_sdm.networks.interface import RgbFrames
-from vfm_sdm.networks.loading import load_weights, read_state
+from vfm_sdm.networks.loading import load_weights
 from vfm_sdm.networks.posediffusion.crop import SquareCrop, crop_pictures
 from vfm_sdm.networks.posediffusion.guidance import ITERATIONS, LIMIT_PX2, Guide, ImageMatches
 from vfm_sdm.networks.posediffusion.model import PoseDiffusion
@@ -145,10 +145,9 @@ class PoseDiffusionInference:
             The weights are not here, or are others, or there is no such device.
         """
         placement = choose_placement(device, "float32")
-        state = {key.removeprefix(_WRAPPED): value for key, value in read_state(weights).items()}
         with torch.device("meta"):
             network = PoseDiffusion()
-        load_weights(network, state, dtype=torch.float32)
+        load_weights(network, weights, wrapped_in=_WRAPPED, dtype=torch.float32)
         _check_schedule(network, weights)
         return cls(network, placement, image_size=choose_image_size(weights))
 
@@ -169,12 +168,14 @@ class PoseDiffusionInference:
 
         Notes
         -----
-        Its noise is drawn from one seed on the processor: the same pictures give the same cameras.
+        Its noise is drawn from one seed on the processor, and there all is computed by one thread: the same pictures
+        give the same cameras, on however many cores.
         """
         crops = [SquareCrop.of(picture.shape[1], picture.shape[0]) for picture in pictures]
         shape = (self.network.config.steps, len(pictures), POSE_SIZE)
         noise = torch.randn(shape, generator=torch.Generator().manual_seed(_SEED))
-        with self.placement.running():
+        # The guidance carries the rounding of sums that threads share to the second digit of a pose vector.
+        with one_thread(), self.placement.running():
             images = crop_pictures(list(pictures), self.image_size).to(self.placement.device)
             guide = self._guide(crops, matches)
             poses = self.network.sample(images, noise.to(self.placement.device), guide)[-1]

@@ -51,7 +51,7 @@ class PoseDiffusion(nn.Module):
         DatasetError
             The shapes do not fit.
         """
-        self._check(images, noise)
+        self._check(images, noise, guide)
         return self.sample_from(self.image_feature_extractor(images), noise, guide)
 
     def sample_from(self, features: Tensor, noise: Tensor, guide: Guide | None = None) -> Tensor:
@@ -67,14 +67,15 @@ class PoseDiffusion(nn.Module):
                 chain.append(self.diffuser.spread(mean, noise[min(steps - time, len(noise) - 1)], time))
         return torch.stack(chain)
 
-    def _check(self, images: Tensor, noise: Tensor) -> None:
+    def _check(self, images: Tensor, noise: Tensor, guide: Guide | None) -> None:
         if images.ndim != 4 or images.shape[1] != 3 or not images.is_floating_point():
             raise DatasetError(
                 "images: expected floating-point values 0 .. 1 of shape (frames, 3, height, width), got "
                 f"{images.dtype} of shape {tuple(images.shape)}; use crop_pictures"
             )
-        if noise.shape[1:] != (len(images), POSE_SIZE):
+        steps = self.config.steps if guide is None else self.config.steps - GUIDED_STEPS + 1
+        if noise.ndim != 3 or len(noise) < steps or noise.shape[1:] != (len(images), POSE_SIZE):
             raise DatasetError(
-                f"noise: expected shape (steps, {len(images)}, {POSE_SIZE}), got {tuple(noise.shape)}; "
-                "draw one number for every entry of every frame's vector"
+                f"noise: expected shape ({steps}, {len(images)}, {POSE_SIZE}) or longer, got {tuple(noise.shape)}; "
+                "draw one number for every step and every entry of every frame's vector"
             )

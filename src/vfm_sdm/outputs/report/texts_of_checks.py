@@ -34,6 +34,7 @@ _STATUSES: Mapping[str, str] = {
     CameraStatus.UNKNOWN_DISTANCE: "Abstand einer weiteren Kamera nicht bestimmt",
     CameraStatus.SEVERAL: "mehrere Kamerastellungen passen zu allem Bekannten",
     CameraStatus.NOT_CONVERGED: "die Ausgleichung konvergierte nicht",
+    CameraStatus.BEHIND: "die Szene liegt hinter den Kameras",
     ClockStatus.STATED: "wie angegeben",
     ClockStatus.NOT_UNIQUE: "Maximum nicht eindeutig",
     ClockStatus.NO_MOTION: "keine gemeinsame Bewegung",

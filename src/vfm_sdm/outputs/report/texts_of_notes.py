@@ -202,6 +202,14 @@ _CAMERAS: Mapping[str, str] = {
     "{here} oder {there} {unit}",
     "stands of view {view} would decide": "der Standort der Ansicht {view} würde entscheiden",
     '"{side}" or "{other}"': '"{side}" oder "{other}"',
+    "{few:n} of {all:n} matches of {first} and {second} do not lie in front of both cameras": "{few} von {all} "
+    "Verknüpfungen von {first} und {second} liegen nicht vor beiden Kameras",
+    "use another camera estimator": "ein anderes Verfahren für die Kameras wählen",
+    "PoseDiffusion: {few:n} of {all:n} matches agree with its cameras, too few to guide it": "PoseDiffusion: {few} von "
+    "{all} Verknüpfungen passen zu seinen Kameras, zu wenige, um es zu führen",
+    "PoseDiffusion: {few:n} of {all:n} matches of {first} and {second} agree with its cameras": "PoseDiffusion: {few} "
+    "von {all} Verknüpfungen von {first} und {second} passen zu seinen Kameras",
+    "they are probably wrong": "sie sind vermutlich falsch",
     "{source} gives two focal lengths, {first:n} and {second:n} px": "{source} gibt zwei Brennweiten an, {first} und "
     "{second} px",
     "{source}'s focal length is {percent} off what was known of it": "die Brennweite von {source} weicht um {percent} "

@@ -29,6 +29,11 @@ _RATIO_CAUTION, _RATIO_FAIL = 0.1, 0.3
 """Shares of the motion that one view shows and the other does not."""
 _GAIN_CAUTION, _GAIN_FAIL = 0.05, 0.2
 _BASELINE = "baseline"
+_NO_SCALE = (
+    *(CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE),
+    *(CameraStatus.UNKNOWN_DISTANCE, CameraStatus.BEHIND),
+)
+"""Cameras that measure nothing."""
 
 
 def check_site(inputs: AuditInputs) -> AuditCheck:
@@ -48,7 +53,7 @@ def check_site(inputs: AuditInputs) -> AuditCheck:
        Publications on Geodesy 2(5).
     """
     name, cameras = "site and lenses", inputs.cameras
-    if cameras.status in (CameraStatus.NOT_CONVERGED, CameraStatus.NOT_IDENTIFIABLE, CameraStatus.UNKNOWN_DISTANCE):
+    if cameras.status in _NO_SCALE:
         sentence = f"{cameras.status}: the displacement has no usable scale"
         return AuditCheck(name, Outcome.FAIL, float("nan"), _W_CAUTION, "std", sentence)
     tested = {q.name: _standardise(q) for q in cameras.quantities if _compute_redundancy(q) > _LEAST_REDUNDANCY}

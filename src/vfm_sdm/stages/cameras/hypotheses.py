@@ -24,6 +24,7 @@ from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.cameras.base import Hypothesis
 from vfm_sdm.stages.cameras.site import SiteAdjustment, compare_rigs
+from vfm_sdm.stages.matching.matches import Matches
 
 __all__ = ["Weighed", "weigh_hypotheses"]
 
@@ -148,12 +149,8 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 def _fits(session: Session, one: Hypothesis, found: SiteAdjustment) -> bool:
     """Whether nothing that was measured or seen excludes a solution."""
-    for m in one.matches:
-        pair = Rig(("first", "second"), (found.rig.cameras[m.first], found.rig.cameras[m.second]))
-        points3d = triangulate(np.stack([m.points_first, m.points_second]), pair)
-        # With the baseline reversed, epipolar lines are the same and everything lies behind the cameras.
-        if len(m) and in_front_of_all(points3d, pair).mean() < _AHEAD:
-            return False
+    if list_behind(found.rig, one.matches):
+        return False
     if any(q.deviation > _CONTRADICTED for q in found.quantities):
         return False
     for view in session.view[1:]:
@@ -161,6 +158,42 @@ def _fits(session: Session, one: Hypothesis, found: SiteAdjustment) -> bool:
         if view.stands is not None and (aside > 0) != (view.stands == "right"):
             return False
     return True
+
+
+def list_behind(rig: Rig, matches: Sequence[Matches]) -> list[str]:
+    """Sentences on pairs of views whose matches for the most part do not lie in front of both cameras.
+
+    Parameters
+    ----------
+    rig
+        Adjusted cameras of V views.
+    matches
+        Matches between its views [px].
+
+    Notes
+    -----
+    With the baseline reversed, or with one camera turned about it by half a turn, the epipolar lines are the same: no
+    epipolar error tells such cameras from the true ones.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> left = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> right = Camera(left.K, (1280, 720), cam_from_world=np.array([[1.0, 0, 0, 4], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    >>> rig = Rig(("left", "right"), (left, right), metric=True)
+    >>> list_behind(rig, [Matches(0, 1, [[800.0, 440.0]], [[160.0, 440.0]])])[0].partition(";")[0]
+    "1 of 1 matches of 'left' and 'right' do not lie in front of both cameras"
+    """
+    found = []
+    for m in matches:
+        pair = Rig(("first", "second"), (rig.cameras[m.first], rig.cameras[m.second]))
+        ahead = in_front_of_all(triangulate(np.stack([m.points_first, m.points_second]), pair), pair)
+        if len(m) and ahead.mean() < _AHEAD:
+            found.append(
+                f"{np.sum(~ahead)} of {len(m)} matches of {rig.names[m.first]!r} and {rig.names[m.second]!r} do not "
+                "lie in front of both cameras; use another camera estimator"
+            )
+    return found
 
 
 def _turn(one: SiteAdjustment, other: SiteAdjustment) -> float:

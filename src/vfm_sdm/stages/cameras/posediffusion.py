@@ -1,30 +1,27 @@
 """PoseDiffusion as a camera estimator, the paper's second one, guided by the matches of this package."""
 
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vfm_sdm.core.statuses import CameraStatus
-from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import FirstFrames, Network, Session
 from vfm_sdm.networks.availability import choose_weights, require_torch
 from vfm_sdm.networks.weights import weights_id
 from vfm_sdm.stages.cameras.base import CameraEstimate
+from vfm_sdm.stages.cameras.network_rig import ADVICE, NetworkAccuracy, related_matches
 from vfm_sdm.stages.cameras.priors import read_priors
-from vfm_sdm.stages.cameras.related_views import relate_to_first
+from vfm_sdm.stages.matching.matches import Matches
 
 if TYPE_CHECKING:
-    from vfm_sdm.networks.posediffusion.inference import PoseDiffusionInference
+    from vfm_sdm.networks.posediffusion.inference import GuidedPoses, PoseDiffusionInference
 
 __all__ = ["PoseDiffusionCameras"]
 
-_FOCAL_STD, _ROTATION_STD_RAD, _POSITION_STD = 0.1, 0.1, 0.2
-"""Standard deviations of its focal length (relative), rotation, and position over the baseline; assumed, not measured,
-and wider than VGGT's."""
-_MIN_BASELINE = 1e-3  # in the unit of the network, the distance of what it sees: a fifth of a pixel of its pictures
-_ADVICE = "use another camera estimator"
+_ACCURACY = NetworkAccuracy("PoseDiffusion", focal=0.1, rotation_rad=0.1, position=0.2)
+"""Assumed, not measured, and wider than VGGT's."""
+_AGREEING = 0.5
+"""Share of the matches of two views within 3.2 px below which the guidance did not lead there."""
 
 
 class PoseDiffusionCameras:
@@ -75,19 +72,26 @@ class PoseDiffusionCameras:
             Fewer than two views, or no baseline in the session.
         """
         priors = read_priors(session, frames, estimator=self.name)
-        related = [views[0] for views in relate_to_first(session, frames, priors.cameras)]
-        matches = tuple(view.matches for view in related if not view.fault)
+        matches, faults = related_matches(session, frames, priors.cameras)
         found = self.inference.estimate_poses(list(frames.colors.values()), matches)
-        doubts = [view.fault for view in related if view.fault]
-        if matches and not found.guided:
-            near, count = int(found.near.sum()), len(found.near)
-            doubts.append(f"PoseDiffusion: {near} of {count} matches agree with its cameras, too few to guide it")
-        if not (np.isfinite(found.focal_px).all() and np.isfinite(found.cam_from_world).all()):
-            return CameraEstimate(None, (), CameraStatus.NOT_A_CAMERA, (*priors.notes, *doubts, _ADVICE))
-        fused = priors.fused(found.focal_px, relative_std=_FOCAL_STD, source="PoseDiffusion")
-        posed = [replace(c, cam_from_world=pose) for c, pose in zip(fused.cameras, found.cam_from_world, strict=True)]
-        rig = Rig.from_world(fused.names, posed, metric=False)
-        if rig.baseline() < _MIN_BASELINE:
-            return CameraEstimate(None, (), CameraStatus.ONE_PLACE, (*fused.notes, *doubts, _ADVICE))
-        rig = fused.metric_rig(rig.cameras, rotation_std_rad=_ROTATION_STD_RAD, position_std=_POSITION_STD)
-        return CameraEstimate(rig, matches, fused.status, (*fused.notes, *doubts))
+        doubts = [*faults, *_list_doubts(priors.names, matches, found)]
+        rig, priors = _ACCURACY.place(priors, found.cam_from_world, found.focal_px)
+        if rig is None:
+            return CameraEstimate(None, (), priors.status, (*priors.notes, *doubts, ADVICE))
+        return CameraEstimate(rig, matches, priors.status, (*priors.notes, *doubts))
+
+
+def _list_doubts(names: tuple[str, ...], matches: tuple[Matches, ...], found: "GuidedPoses") -> list[str]:
+    """Sentences where matches, which all agree with one pose, do not agree with the network's."""
+    if not matches:
+        return []
+    if not found.guided:
+        near, count = int(found.near.sum()), len(found.near)
+        return [f"PoseDiffusion: {near} of {count} matches agree with its cameras, too few to guide it"]
+    ends = np.cumsum([len(m) for m in matches])
+    return [
+        f"PoseDiffusion: {near.sum()} of {len(m)} matches of {names[m.first]!r} and {names[m.second]!r} agree with its "
+        "cameras; they are probably wrong"
+        for m, near in zip(matches, np.split(found.near, ends[:-1]), strict=True)
+        if near.mean() < _AGREEING
+    ]

@@ -1,20 +1,15 @@
 """VGGT as a camera estimator (section VFM-based sparse-view camera parameter estimation)."""
 
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from vfm_sdm.core.statuses import CameraStatus
-from vfm_sdm.geometry.camera import Rig
 from vfm_sdm.inputs.session import FirstFrames, Network, Session
 from vfm_sdm.networks.availability import choose_weights, require_torch
 from vfm_sdm.networks.vggt.pose import decode_pose
 from vfm_sdm.networks.weights import weights_id
 from vfm_sdm.stages.cameras.base import CameraEstimate
+from vfm_sdm.stages.cameras.network_rig import ADVICE, NetworkAccuracy, related_matches
 from vfm_sdm.stages.cameras.priors import read_priors
-from vfm_sdm.stages.cameras.related_views import relate_to_first
 from vfm_sdm.stages.matching.network_view import network_view
 
 if TYPE_CHECKING:
@@ -22,10 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["VggtCameras"]
 
-_FOCAL_STD, _ROTATION_STD_RAD, _POSITION_STD = 0.05, 0.035, 0.1
-"""Standard deviations of VGGT's focal length (relative), rotation, and position over the baseline; assumed, not
-measured."""
-_MIN_BASELINE = 1e-3  # in VGGT's unit, the mean distance of what it sees: half a pixel of its images
+_ACCURACY = NetworkAccuracy("VGGT", focal=0.05, rotation_rad=0.035, position=0.1)
+"""Assumed, not measured."""
 
 
 class VggtCameras:
@@ -81,16 +74,8 @@ class VggtCameras:
         poses, intrinsics = decode_pose(self.inference.estimate_poses(images), (images.shape[2], images.shape[1]))
         # Each axis was resized by itself.
         focal = intrinsics[:, [0, 1], [0, 1]] / [[canvas.region.scale_u, canvas.region.scale_v] for canvas in canvases]
-        if not (np.isfinite(focal).all() and np.isfinite(poses).all()):
-            return CameraEstimate(None, (), CameraStatus.NOT_A_CAMERA, (*priors.notes, "use another camera estimator"))
-        priors = priors.fused(focal, relative_std=_FOCAL_STD, source="VGGT")
-        posed = [replace(c, cam_from_world=pose) for c, pose in zip(priors.cameras, poses, strict=True)]
-        rig = Rig.from_world(priors.names, posed, metric=False)
-        if rig.baseline() < _MIN_BASELINE:
-            return CameraEstimate(None, (), CameraStatus.ONE_PLACE, (*priors.notes, "use another camera estimator"))
-        rig = priors.metric_rig(rig.cameras, rotation_std_rad=_ROTATION_STD_RAD, position_std=_POSITION_STD)
-        related = [views[0] for views in relate_to_first(session, frames, priors.cameras)]
-        matches = tuple(view.matches for view in related if not view.fault)
-        return CameraEstimate(
-            rig, matches, priors.status, (*priors.notes, *(view.fault for view in related if view.fault))
-        )
+        rig, priors = _ACCURACY.place(priors, poses, focal)
+        if rig is None:
+            return CameraEstimate(None, (), priors.status, (*priors.notes, ADVICE))
+        matches, doubts = related_matches(session, frames, priors.cameras)
+        return CameraEstimate(rig, matches, priors.status, (*priors.notes, *doubts))

@@ -21,7 +21,7 @@ WRITERS = (
     *sorted(path.relative_to(SOURCES) for path in (SOURCES / "stages" / "audit").glob("*.py")),
     *("stages/intervals/verdicts.py", "outputs/results/notes.py"),
     *(f"stages/cameras/{name}.py" for name in ("solve", "site", "file", "culprits", "confusions", "hypotheses")),
-    *(f"stages/cameras/{name}.py" for name in ("related_views", "two_view", "priors")),
+    *(f"stages/cameras/{name}.py" for name in ("related_views", "two_view", "priors", "network_rig", "posediffusion")),
     *(f"stages/cameras/{name}.py" for name in ("site_problem", "sfm", "profile_checks", "chessboard/estimator")),
     *("stages/tracking/frame_clock.py", "stages/tracking/segments.py", "analysis/evaluation/comparison.py"),
     *(f"analysis/fusion/{name}.py" for name in ("fuse", "result", "scale")),
@@ -30,7 +30,7 @@ WRITERS = (
 """Files whose strings with blanks in them are sentences of audits and notes, or parts of these."""
 NO_SENTENCES = frozenset(
     {
-        *("vfm-sdm cameras 1", "camera file", "tracking 7", "_Steps | None"),
+        *("vfm-sdm cameras 1", "camera file", "tracking 7", "cameras posediffusion", "_Steps | None"),
         "use cameras = 'two-view', which takes the intrinsics from it",
     }
 )

@@ -217,8 +217,9 @@ def test_the_site_against_the_adjustment():
     found = check_site(AuditInputs(cameras=cameras(good, bad)))
     assert (found.outcome, found.where) == (Outcome.FAIL, "range")
     assert found.value == pytest.approx(0.1 / (0.01 * np.sqrt(0.75)))
-    lost = check_site(AuditInputs(cameras=cameras(status=CameraStatus.NOT_IDENTIFIABLE)))
-    assert lost.outcome == Outcome.FAIL
+    for status in (CameraStatus.NOT_IDENTIFIABLE, CameraStatus.BEHIND):
+        lost = check_site(AuditInputs(cameras=cameras(status=status)))
+        assert (lost.outcome, lost.sentence) == (Outcome.FAIL, f"{status}: the displacement has no usable scale")
     doubtful = check_site(AuditInputs(cameras=cameras(good, status=CameraStatus.CONTRADICTION)))
     assert (doubtful.outcome, doubtful.sentence.split(";")[0]) == (Outcome.CAUTION, CameraStatus.CONTRADICTION)
 

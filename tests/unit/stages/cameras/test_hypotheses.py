@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from test_face_poses import AXES, BASELINE, LENS, SITE, second_camera
 
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.geometry.camera import Rig
+from vfm_sdm.geometry.triangulation import sampson_error
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.cameras.base import Hypothesis
-from vfm_sdm.stages.cameras.hypotheses import weigh_hypotheses
+from vfm_sdm.stages.cameras.hypotheses import list_behind, weigh_hypotheses
 from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.matching.matches import Matches
 
@@ -147,3 +149,30 @@ def test_a_lens_that_may_be_longer_than_stated_gets_other_starts(start, relative
 
     weigh_hypotheses(make_session(), [Hypothesis(replace(rig, covariance=covariance), one.matches)], adjust)
     assert len(asked) == starts
+
+
+def reversed_baseline(second):
+    """The second camera on the other side: all epipolar lines are the same."""
+    return replace(second, cam_from_world=np.column_stack([second.rotation, -second.translation]))
+
+
+def about_turned(second):
+    """The second camera turned by half a turn about the baseline."""
+    axis = second.center / np.linalg.norm(second.center)
+    rotation = second.rotation @ Rotation.from_rotvec(np.pi * axis).as_matrix()
+    return replace(second, cam_from_world=np.column_stack([rotation, -rotation @ second.center]))
+
+
+@pytest.mark.parametrize("change", [reversed_baseline, about_turned])
+def test_matches_behind_the_cameras_are_told_where_no_epipolar_error_is(start, change):
+    second, hypothesis = start
+    rig = free_prior([LENS, second])
+    wrong = free_prior([LENS, change(second)])
+    (m,) = hypothesis.matches
+    errors = [np.abs(sampson_error(m.points_first, m.points_second, one)) for one in (rig, wrong)]
+    np.testing.assert_allclose(*errors, atol=1e-6)
+    assert list_behind(rig, hypothesis.matches) == []
+    (note,) = list_behind(wrong, hypothesis.matches)
+    assert note.startswith(
+        f"{len(m)} of {len(m)} matches of 'left' and 'right' do not lie in front of both cameras; use"
+    )

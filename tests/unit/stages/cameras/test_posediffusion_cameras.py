@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 torch = pytest.importorskip("torch", reason="PoseDiffusion needs torch")
 
-from known_cameras import KnownGuidedCameras, network_cameras, with_pictures, write_pictures  # noqa: E402
+from known_cameras import KnownGuidedCameras, Pictures, network_cameras, with_pictures, write_pictures  # noqa: E402
 from rooms import BASELINE_M, NAMES, room_session  # noqa: E402
 from simulation import intrinsics  # noqa: E402
 from small_networks import posediffusion_on_cpu  # noqa: E402
@@ -22,7 +23,9 @@ from vfm_sdm.networks.posediffusion.guidance import Guide, ImageMatches  # noqa:
 from vfm_sdm.networks.posediffusion.inference import PoseDiffusionInference  # noqa: E402
 from vfm_sdm.networks.posediffusion.model import PoseDiffusion  # noqa: E402
 from vfm_sdm.networks.posediffusion.pose import decode_pose, encode_pose  # noqa: E402
+from vfm_sdm.stages.cameras import posediffusion  # noqa: E402
 from vfm_sdm.stages.cameras.base import find_estimator  # noqa: E402
+from vfm_sdm.stages.cameras.solve import solve_cameras  # noqa: E402
 from vfm_sdm.stages.matching.matches import Matches  # noqa: E402
 
 SIZES = [(640, 360), (300, 500), (417, 395)]
@@ -39,10 +42,11 @@ def rig_of(count):
 
 
 @pytest.fixture
-def asked(tmp_path):
-    """What the estimator says of pictures in which nothing matches, from a network that knows the rig."""
+def asked(tmp_path, monkeypatch):
+    """What the estimator says of pictures with these matches, from a network that knows the rig."""
 
-    def ask(count=2, change=None):
+    def ask(count=2, change=None, matches=()):
+        monkeypatch.setattr(posediffusion, "related_matches", lambda *_: (matches, () if matches else ("no matches",)))
         rig, rng = rig_of(count), np.random.default_rng(0)
         shown = [rng.integers(0, 256, (*camera.image_size[::-1], 3), dtype=np.uint8) for camera in rig.cameras]
         write_pictures(tmp_path, rig.names, shown)
@@ -62,6 +66,7 @@ def asked(tmp_path):
 def test_known_cameras_come_back_with_the_stated_uncertainty(asked, count):
     rig, estimate = asked(count)
     assert (estimate.status, estimate.rig.names, estimate.rig.metric) == ("ok", rig.names, True)
+    assert estimate.notes == ("no matches",)
     for found, true in zip(estimate.rig.cameras, rig.cameras, strict=True):
         np.testing.assert_allclose(found.K, true.K, rtol=1e-9)
         np.testing.assert_allclose(found.cam_from_world, true.cam_from_world, rtol=0, atol=1e-9)
@@ -94,7 +99,47 @@ def _one_place(known):
 def test_named_failures_have_no_rig(asked, change, status):
     _, estimate = asked(change=change)
     assert (estimate.rig, estimate.matches, estimate.status) == (None, (), status)
-    assert estimate.notes[-1] == "use another camera estimator"
+    assert estimate.notes == ("no matches", "use another camera estimator")
+
+
+@pytest.mark.parametrize(
+    ("guided", "agreeing", "doubt"),
+    [
+        (True, 1.0, None),
+        (True, 0.5, None),
+        (
+            True,
+            0.25,
+            "PoseDiffusion: 10 of 40 matches of 'left' and 'right' agree with its cameras; they are probably w",
+        ),
+        (False, 0.25, "PoseDiffusion: 10 of 40 matches agree with its cameras, too few to guide it"),
+    ],
+)
+def test_matches_that_do_not_agree_with_the_network_are_a_note(asked, guided, agreeing, doubt):
+    u = np.random.default_rng(0).uniform(0, 300, (40, 2))
+
+    def change(known):
+        known.guided, known.agreeing = guided, agreeing
+
+    _, estimate = asked(change=change, matches=(Matches(0, 1, u, u),))
+    assert estimate.status == "ok"
+    assert [note[: len(doubt or "")] for note in estimate.notes] == ([] if doubt is None else [doubt])
+
+
+@pytest.mark.parametrize(("side", "status"), [(1, "ok"), (-1, CameraStatus.BEHIND)])
+def test_a_reversed_baseline_is_named_although_all_epipolar_errors_are_zero(tmp_path, monkeypatch, side, status):
+    rig = rig_of(2)
+    points3d = np.random.default_rng(0).uniform([-2, -1, 8], [4, 1, 14], (300, 3))
+    seen = Matches(0, 1, *(camera.project(points3d) for camera in rig.cameras))
+    monkeypatch.setattr(posediffusion, "related_matches", lambda *_: ((seen,), ()))
+    frames = Pictures({c: np.zeros(one.image_size[::-1], np.uint8) for c, one in zip(NAMES, rig.cameras, strict=False)})
+    first, second = rig.cameras
+    second = replace(second, cam_from_world=np.column_stack([second.rotation, side * second.translation]))
+    known = KnownGuidedCameras(Rig(rig.names, (first, second), True), list(frames.colors.values()))
+    solution = solve_cameras(room_session(rig), frames, network_cameras("posediffusion", tmp_path, known))
+    assert solution.status == status
+    assert solution.epipolar_rms_px < 1e-3
+    assert any("do not lie in front of both cameras" in note for note in solution.notes) == (side < 0)
 
 
 def scene(poses, count=60):
@@ -162,12 +207,18 @@ def test_pictures_of_any_sizes_give_the_same_cameras_again():
     [
         (torch.zeros(2, 3, 224, 224, dtype=torch.uint8), torch.zeros(100, 2, 9), "images: expected floating-point"),
         (torch.zeros(2, 224, 224), torch.zeros(100, 2, 9), "images: expected floating-point"),
-        (torch.zeros(2, 3, 224, 224), torch.zeros(100, 3, 9), r"noise: expected shape \(steps, 2, 9\)"),
+        (torch.zeros(2, 3, 224, 224), torch.zeros(100, 3, 9), r"noise: expected shape \(100, 2, 9\)"),
     ],
 )
 def test_wrong_shapes_are_one_line(images, noise, message):
     with pytest.raises(DatasetError, match=message):
         posediffusion_on_cpu().network.sample(images, noise)
+
+
+def test_weights_of_another_network_are_named_with_their_file(tmp_path):
+    torch.save({"module.layer.weight": torch.zeros(3)}, tmp_path / "other.pth")
+    with pytest.raises(BackendUnavailableError, match=r"^weights other\.pth: expected the 271 .* 1 unexpected \(layer"):
+        PoseDiffusionInference.load(str(tmp_path / "other.pth"), device="cpu")
 
 
 def test_weights_of_another_schedule_are_refused(tmp_path):
