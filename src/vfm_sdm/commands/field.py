@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.field import NOT_OF_STRUCTURE, compute_field, extreme_times, write_field
-from vfm_sdm.commands.runs import read_run, save_figure
+from vfm_sdm.commands.runs import alone_in_run, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, note, number_text, say
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.run_folder import SESSION
@@ -33,6 +33,7 @@ _NAMED = 8
 _COVERAGE = 1.96
 
 
+@alone_in_run
 def field_command(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     *,

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.fusion import FusionSettings, fuse, read_session_acceleration, write_fusion
-from vfm_sdm.commands.runs import read_run, save_figure
+from vfm_sdm.commands.runs import alone_in_run, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, fail, note, number_text, say
 from vfm_sdm.core.run_folder import SESSION
 from vfm_sdm.core.statuses import FusionStatus
@@ -26,6 +26,7 @@ __all__ = ["fuse_command"]
 _COVERAGE = 1.96
 
 
+@alone_in_run
 def fuse_command(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     *,

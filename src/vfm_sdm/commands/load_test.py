@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import Limits, judge_load_test, read_steps, write_load_test
-from vfm_sdm.commands.runs import about_run, check_elsewhere, read_run, save_figure
+from vfm_sdm.commands.runs import about_run, alone_in_run, check_elsewhere, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
 from vfm_sdm.outputs.plots.load_test import draw_load_test
 
@@ -20,6 +20,7 @@ __all__ = ["load_test"]
 _LIMITS = Limits()
 
 
+@alone_in_run
 def load_test(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     steps: Annotated[Path, Parameter(help="Table of the steps, a row each; docs/load-test.md says how.")],

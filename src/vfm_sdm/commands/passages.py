@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import judge_passages, read_axles, read_passages, write_passages
-from vfm_sdm.commands.runs import about_run, check_elsewhere, read_run, save_figure
+from vfm_sdm.commands.runs import about_run, alone_in_run, check_elsewhere, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, add_name_column, fail, note, number_text, say, say_rest, shown_rows
 from vfm_sdm.core.statuses import PassageStatus
 from vfm_sdm.outputs.plots.load_test import draw_passages
@@ -21,6 +21,7 @@ __all__ = ["passages"]
 _KM_H = 3.6
 
 
+@alone_in_run
 def passages(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     table: Annotated[Path, Parameter(help="Table of the passages, a row each; docs/load-test.md says how.")],
