@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.field import NOT_OF_STRUCTURE, compute_field, extreme_times, write_field
-from vfm_sdm.commands.runs import read_run, save_figure
+from vfm_sdm.commands.runs import alone_in_run, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, note, number_text, plain_table, say
 from vfm_sdm.core.arrays import LumaArray
 from vfm_sdm.core.constants import NORMAL_95
@@ -32,6 +32,7 @@ _LINES = 9
 _NAMED = 8
 
 
+@alone_in_run
 def field_command(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     *,

@@ -17,7 +17,7 @@ from vfm_sdm.analysis.fusion import (
     search_about_start,
     write_fusion,
 )
-from vfm_sdm.commands.runs import read_run, save_figure
+from vfm_sdm.commands.runs import alone_in_run, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, fail, note, number_text, plain_table, say
 from vfm_sdm.core.constants import NORMAL_95
 from vfm_sdm.core.run_folder import SESSION
@@ -30,6 +30,7 @@ from vfm_sdm.outputs.plots.fusion import draw_fusion
 __all__ = ["fuse_command"]
 
 
+@alone_in_run
 def fuse_command(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     *,

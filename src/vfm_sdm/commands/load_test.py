@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import Limits, drop_static, judge_load_test, read_steps, write_load_test
-from vfm_sdm.commands.runs import about_run, check_elsewhere, note_static, read_run, save_figure
+from vfm_sdm.commands.runs import about_run, alone_in_run, check_elsewhere, note_static, read_run, save_figure
 from vfm_sdm.commands.terminal import (
     OUT,
     add_name_column,
@@ -29,6 +29,7 @@ __all__ = ["load_test"]
 _LIMITS = Limits()
 
 
+@alone_in_run
 def load_test(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     steps: Annotated[Path, Parameter(help="Table of the steps, a row each; docs/load-test.md says how.")],

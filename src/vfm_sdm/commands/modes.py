@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.modal import ModalOptions, identify_modes, write_modes
-from vfm_sdm.commands.runs import about_run, read_run, save_figure
+from vfm_sdm.commands.runs import about_run, alone_in_run, read_run, save_figure
 from vfm_sdm.commands.terminal import OUT, fail, note, number_text, plain_table, say
 from vfm_sdm.core.datasets import IMAGE_PLANE
 from vfm_sdm.core.files import write_file
@@ -22,6 +22,7 @@ __all__ = ["modes"]
 _OPTIONS = ModalOptions()
 
 
+@alone_in_run
 def modes(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     *,

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vfm_sdm.analysis.load_test import drop_static, judge_passages, read_axles, read_passages, write_passages
-from vfm_sdm.commands.runs import about_run, check_elsewhere, note_static, read_run, save_figure
+from vfm_sdm.commands.runs import about_run, alone_in_run, check_elsewhere, note_static, read_run, save_figure
 from vfm_sdm.commands.terminal import (
     OUT,
     add_name_column,
@@ -29,6 +29,7 @@ from vfm_sdm.outputs.plots.load_test import draw_passages
 __all__ = ["passages"]
 
 
+@alone_in_run
 def passages(
     run: Annotated[Path, Parameter(help="Run folder with displacement.nc.")],
     table: Annotated[Path, Parameter(help="Table of the passages, a row each; docs/load-test.md says how.")],

@@ -1,8 +1,10 @@
 """What commands that look into a finished run share: its displacement, what is said of it, and a place for figures."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from functools import wraps
 from io import BytesIO
 from pathlib import Path
+from typing import Concatenate, ParamSpec
 
 import xarray as xr
 from matplotlib.figure import Figure
@@ -10,14 +12,37 @@ from matplotlib.figure import Figure
 from vfm_sdm.analysis.load_test import find_moved_static
 from vfm_sdm.core.files import write_file
 from vfm_sdm.core.netcdf import read_displacement
+from vfm_sdm.core.one_writer import held_alone
 from vfm_sdm.core.run_folder import SESSION, RunFolder
 from vfm_sdm.errors import DatasetError
 from vfm_sdm.inputs.session import read_session
 from vfm_sdm.outputs.plots import About, describe_run
 
-__all__ = ["about_run", "check_elsewhere", "note_static", "read_run", "save_figure"]
+__all__ = ["about_run", "alone_in_run", "check_elsewhere", "note_static", "read_run", "save_figure"]
 
 _DPI = 120
+_Options = ParamSpec("_Options")
+
+
+def alone_in_run(command: Callable[Concatenate[Path, _Options], None]) -> Callable[Concatenate[Path, _Options], None]:
+    """A command that no other one of these writes beside: tables, figures and netCDF in a run folder are of one call.
+
+    Parameters
+    ----------
+    command
+        Function of a command, of which the first argument is the run folder.
+    """
+
+    @wraps(command)
+    def alone(run: Path, /, *args: _Options.args, **options: _Options.kwargs) -> None:
+        if not run.is_dir():  # which the command says in its own words, and which must not be made
+            command(run, *args, **options)
+            return
+        expected = "a run folder to which no other command writes results"
+        with held_alone(run, "analysis", expected=expected, advice="wait for it"):
+            command(run, *args, **options)
+
+    return alone
 
 
 def read_run(run: Path, axis: str | None = None) -> tuple[xr.Dataset, tuple[str, ...]]:

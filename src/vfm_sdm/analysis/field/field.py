@@ -19,6 +19,9 @@ NOT_OF_STRUCTURE = "not of the structure"
 _LEAST_POINTS = 6
 _LEAST_SHARE = 0.9
 """Share of the samples that a point must have."""
+_LEAST_FRAMES = 20
+_LEAST_REACH_M, _MOST_GAP = 0.01, 0.4
+"""Least length of the line [m], and longest part of it without a point [1]: no record of points tells what is there."""
 _COMMON = ("cameras", "synchronization", "assumption", "compression")
 """Components of a point's budget that all points have alike: no number of points makes them smaller."""
 _NEIGHBOURS = 15
@@ -92,8 +95,14 @@ def compute_field(
         )
     if stations < 2:
         raise DatasetError(f"stations: expected at least 2, got {stations}; ask for more")
+    if data.sizes["time"] < _LEAST_FRAMES:
+        raise DatasetError(
+            f"field: expected at least {_LEAST_FRAMES} frames, from which it learns how the structure moves, got "
+            f"{data.sizes['time']}; measure a longer recording"
+        )
     names = [str(name) for name in data["point"].values]
     values, place = trusted_values(data, "displacement"), _places(data)
+    values = np.where(np.isfinite(data["displacement_std"].values), values, np.nan)
     share = np.isfinite(values).mean(axis=0)
     placed = np.asarray(np.isfinite(place).all(axis=1))
     moving = np.array([name not in static for name in names])
@@ -111,11 +120,40 @@ def compute_field(
         stated = np.full(len(names), np.nan)
         stated[usable[:, a]] = np.nanmedian(data["displacement_std"].values[:, usable[:, a], a], axis=0)
         fitted.append(fit_axis(values[..., a], stated, place[:, 1:], usable[:, a]))
-    begin = max(one.reach_m[0] for one in fitted)
-    station = np.linspace(begin, min(one.reach_m[1] for one in fitted), stations)
+    begin, end = _find_reach(fitted, [str(axis) for axis in data["axis"].values])
+    station = np.linspace(begin, end, stations)
     return _gather(data, fitted, place, station, still_interval_s).assign(
         reason=("point", _list_reasons(data, usable, fitted, static, placed))
     )
+
+
+def _find_reach(fitted: list[FittedAxis], axes: list[str]) -> tuple[float, float]:
+    """First and last station between which there are points along all axes [m]; nowhere far from any."""
+    for one, axis in zip(fitted, axes, strict=True):
+        stations = np.unique(one.station_m)
+        gaps = np.diff(stations)
+        if not gaps.size or gaps.sum() < _LEAST_REACH_M:
+            raise DatasetError(
+                f"field: expected points along the structure, got those along {axis} at one station, "
+                f"{stations[0]:.2f} m; add a [[grid]] or points elsewhere along it"
+            )
+        widest = int(gaps.argmax())
+        if gaps[widest] > _MOST_GAP * gaps.sum():
+            raise DatasetError(
+                f"field: expected points all along the structure, got none along {axis} from {stations[widest]:.2f} m "
+                f"to {stations[widest + 1]:.2f} m; add a [[grid]] or points there, or leave out what lies beyond"
+            )
+    begin, end = max(one.station_m.min() for one in fitted), min(one.station_m.max() for one in fitted)
+    if end - begin < _LEAST_REACH_M:
+        spans = "; ".join(
+            f"{axis} {one.station_m.min():.2f} m to {one.station_m.max():.2f} m"
+            for one, axis in zip(fitted, axes, strict=True)
+        )
+        raise DatasetError(
+            f"field: expected stations with points along every axis, got none: {spans}; add a [[grid]] or points that "
+            "are measured along all axes"
+        )
+    return float(begin), float(end)
 
 
 def _places(data: xr.Dataset) -> FloatArray:

@@ -18,6 +18,12 @@ _GAIN_OUTLIER = 0.03
 _MOST_SAMPLES = 2000
 """Samples from which covariances are learnt: more say the same."""
 _LEAST_PRIOR = 1e-9
+_BEYOND = 0.5 ** np.arange(8)
+"""Variance of the terms beyond the last one over that of the last two: shapes of structures fade, how fast is not known."""
+_KNOWN_TERMS = 5
+"""Terms from which on the last two show whether shapes have faded; below, they are taken for what is beyond as they are."""
+_SHOWN = 3.0
+"""Variance of a term over what the points leave open of it, above which it is more than noise [1]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +44,8 @@ class FittedAxis:
         Which of the P points were used, shape (P,).
     station_m, distance_m
         Stations (U,) [m] of those, and distances between them (U, U) [m].
+    beyond_mm2
+        Variance of the first term beyond the last, which so few points cannot tell [mm2].
     """
 
     coefficients: FloatArray
@@ -47,6 +55,7 @@ class FittedAxis:
     used: BoolArray
     station_m: FloatArray
     distance_m: FloatArray
+    beyond_mm2: float
 
     def terms(self, station_m: FloatArray) -> FloatArray:
         """Terms of the field at stations, shape (S, M) [1].
@@ -68,8 +77,9 @@ class FittedAxis:
 
         Notes
         -----
-        Noise that reaches the field through its weights, neighbours' common errors included, and what the terms'
-        covariance leaves undetermined between the points.
+        Noise that reaches the field through its weights, neighbours' common errors included, what the terms'
+        covariance leaves undetermined between the points, and terms beyond the last, which a few points do not show
+        and which reach the field through the same weights.
         """
         here, points = self.terms(station_m), self.terms(self.station_m)
         mean_square = np.einsum("pm,mk,pk->p", points, self.prior, points)
@@ -78,6 +88,9 @@ class FittedAxis:
         missed = here - weights @ points
         still = np.einsum("sm,mk,sk->s", missed, self.prior, missed)
         still += np.einsum("sp,pq,sq->s", weights, self.errors.covariance(self.distance_m), weights)
+        count = here.shape[1]
+        more = [_terms(one, self.reach_m, count + len(_BEYOND))[:, count:] for one in (station_m, self.station_m)]
+        still += self.beyond_mm2 * np.square(more[0] - weights @ more[1]) @ _BEYOND
         correlation = self.errors.correlation(self.distance_m)
         growing = self.errors.gain_std**2 * np.einsum("sp,pq,sq->s", weights, correlation, weights)
         return np.asarray(still), np.asarray(growing)
@@ -136,8 +149,16 @@ def fit_axis(displacement_mm: FloatArray, std_mm: FloatArray, place_m: FloatArra
     station, distance = place_m[used, 1], _distances(place_m[used])
     points = _terms(station, reach, terms)
     mean_square = np.einsum("pm,mk,pk->p", points, prior, points)
-    coefficients = _fit(displacement_mm[:, used], points, _covariance(errors, distance, mean_square), prior)
-    return FittedAxis(coefficients, reach, prior, errors, used, station, distance)
+    covariance = _covariance(errors, distance, mean_square)
+    coefficients = _fit(displacement_mm[:, used], points, covariance, prior)
+    beyond = _vary_beyond(np.diag(prior), np.diag(_solve(points, covariance, prior)[0]))
+    return FittedAxis(coefficients, reach, prior, errors, used, station, distance, beyond)
+
+
+def _vary_beyond(prior: FloatArray, posterior: FloatArray) -> float:
+    """Variance of the first term beyond the last [mm2], from those of M terms and what the points leave open of them."""
+    last = prior[-2:] if len(prior) < _KNOWN_TERMS else np.where(prior > _SHOWN * posterior, prior, 0.0)[-2:]
+    return float(last.max())
 
 
 def _terms(station_m: FloatArray, reach_m: tuple[float, float], count: int) -> FloatArray:

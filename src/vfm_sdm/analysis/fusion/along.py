@@ -164,6 +164,8 @@ class Fused:
         Exposure that the fast motion shows [s].
     own
         Number of the sensor's axis along which displacement is.
+    size, size_std
+        Gain of the sensor whichever way it is turned: the length of the vector of gains, and its standard deviation [1].
     """
 
     time_s: FloatArray
@@ -184,6 +186,8 @@ class Fused:
     slow_std_mm: float
     exposure_s: float
     own: int
+    size: float
+    size_std: float
 
 
 def fuse_along(record: Record, video: Video, axis: str, alignment: Alignment, errors: VideoErrors = ASSUMED) -> Fused:
@@ -374,4 +378,12 @@ def _smooth(pair: _Pair, now: Alignment, gains: FloatArray, posterior: Posterior
         nodes.std_mm * best.video_factor * best.slow_factor,
         video.interval_s * best.exposure_share,
         pair.own,
+        *_measure_length(found_gains, covariance[GAINS:, GAINS:]),
     )
+
+
+def _measure_length(gains: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Length of a vector (A,) of gains with covariance (A, A), and its standard deviation [1]."""
+    length = float(np.linalg.norm(gains))
+    along = gains / max(length, 1e-12)
+    return length, float(np.sqrt(along @ covariance @ along))

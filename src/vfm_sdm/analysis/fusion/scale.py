@@ -1,6 +1,6 @@
 """Accelerometers as length standards: what they say of the size of motions, for the adjustment of the cameras."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -15,7 +15,7 @@ from vfm_sdm.geometry.triangulation import triangulate
 from vfm_sdm.inputs.session import Measured, SensedMotion, Sensor, Session
 from vfm_sdm.stages.cameras.solution import CameraSolution
 
-__all__ = ["SensorScale", "find_sensor_scale", "first_session"]
+__all__ = ["SensorScale", "find_contradiction", "find_sensor_scale", "first_session"]
 
 _STAND_IN = Measured(value=3.0, std=3.0)
 """Baseline with which cameras are first solved where none was measured [m]: a session's usual one, or any other."""
@@ -23,8 +23,17 @@ _STAND_IN_STD = 0.5
 """Relative standard deviation of the baseline that stands in then: nothing beside what the sensor says."""
 _GAIN_STD = 3.0
 """Of the sensor's gain beside cameras of any scale [1]."""
+_CROSS_STD = 0.5
+"""Of the share of one axis that another one shows [1]: a phone may lie as it likes, its length is that of all axes."""
 _LEAST_GAIN = 5.0
 """Standard deviations that a gain must be above zero for the sensor to tell a length."""
+_MOST_SCATTER = 2.0
+"""Scatter of the video about the sensor over what the video states, above which they do not see the same motion [1]."""
+_CONTRADICTS, _LEAST_APART = 4.0, 0.05
+"""Difference of sizes along two axes that one sensor cannot have: in standard deviations, and relative [1]."""
+_G = 9.80665
+_NO_GRAVITY, _LIKE_GRAVITY = 0.05, 0.05
+"""Of gravity: what a sensor reads that holds none, and how far one may be off that holds it [1]."""
 _STEP = 1e-3
 """Length of the motion that is put into the adjustment, over the distance of the point."""
 _OF_GAIN = ("compression", "subset")
@@ -159,30 +168,81 @@ def _read_length(
 ) -> tuple[SensedMotion | None, str]:
     """The motion whose length a sensor tells, or the reason why it does not."""
     acceleration, point = read_session_acceleration(session, sensor.name)
+    felt = _read_gravity(acceleration)
+    doubt = _doubt_units(acceleration, felt)
+    if doubt:
+        return None, doubt
     static = [one.name for one in session.point if one.static]
-    settings = FusionSettings(gain_std=_GAIN_STD)
+    settings = FusionSettings(gain_std=_GAIN_STD, cross_std=_CROSS_STD)
     fused = fuse(displacement, acceleration, point, static=static, settings=settings)
     if fused.attrs["status"] != FusionStatus.OK:
         return None, str(fused.attrs["status"])
     found = {str(axis): fused.sel(axis=axis) for axis in fused["axis"].values}
-    clear = {axis: one for axis, one in found.items() if float(one["gain"]) > _LEAST_GAIN * float(one["gain_std"])}
+    clear = {axis: one for axis, one in found.items() if float(one["size"]) > _LEAST_GAIN * float(one["size_std"])}
     if not clear:
         return None, str(FusionStatus.NO_MOTION)
     spreads = {
         axis: float(
-            np.hypot(float(one["gain_std"] / one["gain"]), _spread_gain(displacement.sel(point=point, axis=axis)))
+            np.hypot(float(one["size_std"] / one["size"]), _spread_gain(displacement.sel(point=point, axis=axis)))
         )
         for axis, one in clear.items()
     }
+    contradiction = find_contradiction(found, {axis: float(clear[axis]["size"]) for axis in clear}, spreads)
+    if contradiction:
+        return None, f"{contradiction}; check that it sits at {point}, its columns, and that nothing filters it"
     axis = min(spreads, key=lambda one: spreads[one])
-    gain, std = float(found[axis]["gain"]), float(np.hypot(spreads[axis], sensor.scale_std or 0.0))
+    gain, std = float(found[axis]["size"]), float(np.hypot(spreads[axis], sensor.scale_std or 0.0))
     rest, moved = _place_motion(cameras, point, [str(a) for a in displacement["axis"].values].index(axis))
     if not rest:
         return None, f"point {point} is not seen in two views"
     one = SensedMotion(point=point, sensor=sensor.name, rest=rest, moved=moved, length=1.0, std=1.0)
     length = _length_in(cameras, one) / gain
     note = f"scale by sensor {sensor.name}: motion of {point} along {axis} known to {100 * std:.2g} %"
+    if felt < _NO_GRAVITY * _G:
+        note += "; its record holds no gravity, so nothing checks its units"
     return one.model_copy(update={"length": length, "std": std * length}), note
+
+
+def _read_gravity(acceleration: xr.Dataset) -> float:
+    """What a sensor reads at rest, over all its axes [m/s2]."""
+    return float(np.linalg.norm(np.nanmedian(acceleration["acceleration"].values[:, 0], axis=0)))
+
+
+def _doubt_units(acceleration: xr.Dataset, felt: float) -> str:
+    """Words where a reading at rest [m/s2] is neither gravity nor nothing; none where it may be either."""
+    holds = "vertical" in acceleration["axis"].values
+    least = (1 - _LIKE_GRAVITY) * _G if holds else 0.0
+    if felt < _NO_GRAVITY * _G or least <= felt <= (1 + _LIKE_GRAVITY) * _G:
+        return ""
+    return (
+        f"it reads {felt:.2f} m/s2 at rest, neither gravity, {_G:.2f}, nor nothing; check its units and its columns, and "
+        "name those of all three axes where it is not upright"
+    )
+
+
+def find_contradiction(
+    found: Mapping[str, xr.Dataset], sizes: Mapping[str, float], spreads: Mapping[str, float]
+) -> str:
+    """Words on what video and sensor cannot both have seen of one motion; none where there is nothing.
+
+    Parameters
+    ----------
+    found
+        The fusion by axis, as `vfm_sdm.analysis.fusion.fuse` describes it.
+    sizes, spreads
+        What it says of the sensor's size, and its relative standard deviation, along those axes that tell it [1].
+    """
+    for axis, one in found.items():
+        scatter = float(one["stated_ratio"])
+        if scatter > _MOST_SCATTER:
+            return f"along {axis} the video scatters {scatter:.1f} times as much about it as it states"
+        if not int(one["bands_agree"]):
+            return f"along {axis} its motion has another size at some frequencies than at others"
+    largest, least = (choose(sizes, key=lambda axis: sizes[axis]) for choose in (max, min))
+    apart = float(np.log(sizes[largest] / sizes[least]))
+    if apart > max(_LEAST_APART, _CONTRADICTS * float(np.hypot(spreads[largest], spreads[least]))):
+        return f"the video over it is {np.exp(apart):.2f} times as large along {largest} as along {least}"
+    return ""
 
 
 def _spread_gain(series: xr.Dataset) -> float:

@@ -2,6 +2,7 @@
 
 from datetime import date
 from importlib.metadata import version
+from pathlib import Path
 
 from vfm_sdm.core.registry import find, part_names
 from vfm_sdm.errors import BackendUnavailableError, ResultsError, VfmSdmError
@@ -10,6 +11,17 @@ from vfm_sdm.outputs.report.inputs import ReportInputs
 from vfm_sdm.outputs.report.language import Language
 
 __all__ = ["build_content"]
+
+_MADE_BY = {
+    "field": ("field.nc", "field"),
+    "comparison": ("evaluation.json", "evaluate"),
+    "fusion": ("fused.nc", "fuse"),
+    "modes": ("modes.nc", "modes"),
+    "load-test": ("load_test.nc", "load-test"),
+    "passages": ("passages.nc", "passages"),
+    "repeatability": ("repeatability.nc", "repeat"),
+}
+"""File that a section is made from beside those of the measurement, and the command that writes it."""
 
 
 def build_content(inputs: ReportInputs, language: Language, *, day: date | None = None) -> Content:
@@ -40,14 +52,21 @@ def build_content(inputs: ReportInputs, language: Language, *, day: date | None 
         )
     except VfmSdmError:
         raise
-    except (LookupError, TypeError, AttributeError, ValueError) as error:
-        # Files that other versions wrote, or that somebody edited, may lack anything.
-        raise ResultsError(
-            f"{inputs.folder}: expected files as this version of vfm-sdm writes them, got others "
-            f"({type(error).__name__}: {error}); run `vfm-sdm measure`, and `vfm-sdm evaluate`, again"
-        ) from error
+    except _OF_OTHER_FILES as error:
+        raise _other_files(inputs.folder, "measure", error) from error
     sections = tuple(section for section in found if section is not None)
     return Content(language.code, language.say("report title"), inputs.session.name, sections, footer)
+
+
+# Files that other versions wrote, or that somebody edited, may lack anything.
+_OF_OTHER_FILES = (LookupError, TypeError, AttributeError, ValueError)
+
+
+def _other_files(place: Path, command: str, error: Exception) -> ResultsError:
+    return ResultsError(
+        f"{place}: expected files as this version of vfm-sdm writes them, got others ({type(error).__name__}: {error}); "
+        f"run `vfm-sdm {command}` again"
+    )
 
 
 def _build_section(name: str, inputs: ReportInputs, language: Language) -> Section | None:
@@ -57,7 +76,14 @@ def _build_section(name: str, inputs: ReportInputs, language: Language) -> Secti
     except BackendUnavailableError as error:
         return Section(name, (Paragraph(" ".join(str(error).split()), "quiet", foreign=True),))
     if not part.distribution:
-        section: Section | None = part.load()(inputs, language)
+        try:
+            section: Section | None = part.load()(inputs, language)
+        except _OF_OTHER_FILES as error:
+            # Errors of this package may be of these kinds, too, and say more.
+            if isinstance(error, VfmSdmError) or name not in _MADE_BY:
+                raise
+            file, command = _MADE_BY[name]
+            raise _other_files(inputs.folder / file, command, error) from error
         return section
     # As of checks: its faults must not cost its users their report.
     try:

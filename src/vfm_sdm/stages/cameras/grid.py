@@ -35,6 +35,8 @@ __all__ = ["add_grids"]
 StatusArray = npt.NDArray[np.object_]
 
 _MOST_POINTS = 2000
+_MOST_NODES = 50 * _MOST_POINTS
+"""Of the rectangle around a polygon, from which those inside are taken."""
 _NUDGES = np.array([0.0, -0.15, 0.15, -0.3, 0.3])
 """Steps from a node to the places that are tried for it, as shares of the spacing along each axis of the face [1]."""
 _NOISE, _GOOD_STD_PX, _USABLE_STD_PX = 2.0, 0.02, 0.1
@@ -147,11 +149,14 @@ def _lay_out(
             f"grid {grid.name!r}: expected a polygon on the structure's face, got corners whose rays do not meet it; "
             "correct the polygon, or the distances under [site]"
         )
+    down, along = np.ptp(on_face[:, 1:], axis=0)
+    if (down / grid.spacing_m + 1) * (along / grid.spacing_m + 1) > _MOST_NODES:
+        raise SessionError(
+            f"grid {grid.name!r}: expected 1 to {_MOST_POINTS} points, got {grid.spacing_m:g} m on a polygon of "
+            f"{along:.3g} m by {down:.3g} m on the face; change the spacing or the polygon"
+        )
     numbers, nodes = _find_nodes(on_face[:, 1:], grid.spacing_m)
-    if len(nodes) > 10 * _MOST_POINTS:
-        inside = np.ones(len(nodes), np.bool_)
-    else:
-        inside = _is_inside(_see(nodes, camera, face), corners)
+    inside = _is_inside(_see(nodes, camera, face), corners)
     if not 0 < inside.sum() <= _MOST_POINTS:
         raise SessionError(
             f"grid {grid.name!r}: expected 1 to {_MOST_POINTS} points, got {inside.sum()} at {grid.spacing_m:g} m; "
@@ -166,8 +171,6 @@ def _find_nodes(corners: FloatArray, spacing_m: float) -> tuple[IntArray, FloatA
     """Rows and columns (N, 2) and places (N, 2) [m] of the nodes of a rectangle around corners, in its middle."""
     least, extent = corners.min(axis=0), np.ptp(corners, axis=0)
     counts = np.floor(extent / spacing_m).astype(int) + 1
-    if counts.prod() > 100 * _MOST_POINTS:
-        counts = np.minimum(counts, 10 * _MOST_POINTS)
     begin = least + (extent - (counts - 1) * spacing_m) / 2
     indices = np.stack(np.meshgrid(*(np.arange(count) for count in counts), indexing="ij"), axis=-1).reshape(-1, 2)
     return indices + 1, begin + indices * spacing_m
@@ -321,7 +324,9 @@ class _Pair:
         """Distances behind the face (K,) [m], and where the second view sees places there, shape (P, K, 2) [px]."""
         first, second = (self.rig.cameras[view] for view in self.views)
         ends = second.project(_meet(places, first, self.face, beyond_m))
-        length = float(np.nanmedian(np.linalg.norm(ends[1] - ends[0], axis=-1)))
+        lengths = np.linalg.norm(ends[1] - ends[0], axis=-1)
+        # A view that looks elsewhere sees none of them.
+        length = float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else 0.0
         count = int(np.clip(np.ceil(length / _STRIDE_PX), 1, _MOST_STARTS)) + 1
         offsets = np.linspace(float(beyond_m[0]), float(beyond_m[1]), count)
         seen = second.project(_meet(places, first, self.face, offsets)).swapaxes(0, 1)

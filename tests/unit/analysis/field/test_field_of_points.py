@@ -6,7 +6,7 @@ import xarray as xr
 
 from fields import FREQUENCIES_HZ, draw_field
 from vfm_sdm.analysis.field import compute_field, compute_mac, extreme_times, find_shapes, read_field, write_field
-from vfm_sdm.core.datasets import Status
+from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, Status, make_displacement
 from vfm_sdm.errors import DatasetError
 
 
@@ -74,7 +74,8 @@ def test_gaps_of_points_are_no_gaps_of_the_line(drawn):
     gaps["status"].values[lost] = Status.LOST
     gaps["status"].values[:, 7] = Status.LOST
     found = compute_field(gaps, stations=5)
-    whole = compute_field(drawn.displacement, stations=5)
+    # Lines reach as far as the points that they use, which differ.
+    whole = compute_field(drawn.displacement, stations=81).interp(station=found["station"].values)
     assert np.isnan(found["displacement"].values[50]).all()
     known = np.delete(np.arange(120), 50)
     # At the very ends, the line rests on few points.
@@ -105,6 +106,71 @@ def test_misuse_is_named(drawn):
         compute_field(drawn.displacement.isel(point=slice(5)))
     with pytest.raises(DatasetError, match="stations: expected at least 2, got 1"):
         compute_field(drawn.displacement, stations=1)
+
+
+def bend(station, count=120):
+    """A beam of 10 m in three modes, with errors of 0.01 mm, by few points at these stations, and the truth."""
+    time_s, rng = np.arange(count) / 20, np.random.default_rng(3)
+
+    def true(where):
+        waves = [
+            size * np.sin(rate * time_s + mode)[:, None] * np.sin(mode * np.pi * np.asarray(where) / 10)
+            for mode, size, rate in ((1, 1.0, 9.0), (2, 0.4, 23.0), (3, 0.15, 41.0))
+        ]
+        return sum(waves)
+
+    values = rng.normal(0, 0.01, (count, len(station), 3))
+    values[..., 1] += true(station)
+    place = np.zeros(values.shape)
+    place[..., 2] = station
+    arrays = DisplacementArrays(
+        values, np.full(values.shape, 0.01), np.zeros(values.shape[1:]), place, *np.zeros((2, *values.shape[:2]))
+    )
+    names = [f"p{number}" for number in range(len(station))]
+    return make_displacement(time_s, names, STRUCTURE_AXES, arrays, attrs={"frame": "structure"}), true
+
+
+@pytest.mark.parametrize("count", [6, 8, 12, 20, 60])
+def test_a_few_points_do_not_know_how_the_structure_bends_between_them(count):
+    displacement, true = bend(np.linspace(0, 10, count))
+    one = compute_field(displacement, stations=41).sel(axis="vertical")
+    off = (one["displacement"].values - true(one["station"].values)) / one["displacement_std"].values
+    # Bands of a line through a few points were two to three times too narrow.
+    assert np.sqrt((off**2).mean()) < 1.7
+    if count == 60:
+        assert float(one["displacement_std"].median()) < 0.004
+
+
+@pytest.mark.parametrize(
+    ("station", "said"),
+    [
+        (np.full(8, 5.0), "those along lateral at one station, 5.00 m"),
+        (np.repeat([2.0, 8.0], 5), "got none along lateral from 2.00 m to 8.00 m"),
+        (np.r_[np.linspace(0, 1, 8), 10.0], "got none along lateral from 1.00 m to 10.00 m"),
+    ],
+)
+def test_nothing_is_said_of_places_far_from_any_point(station, said):
+    with pytest.raises(DatasetError, match=said):
+        compute_field(bend(station)[0])
+
+
+def test_nothing_is_said_beyond_the_outermost_points_of_any_axis():
+    apart, _ = bend(np.linspace(0, 10, 20))
+    apart["displacement"].values[:, 10:, 0] = np.nan
+    found = compute_field(apart, stations=5)
+    assert float(found["station"].max()) < 10 * 10 / 19
+    apart["displacement"].values[:, :10, 1] = np.nan
+    with pytest.raises(DatasetError, match=r"stations with points along every axis, got none: lateral 0\.\d+ m to 4"):
+        compute_field(apart)
+
+
+def test_a_few_frames_and_points_without_an_uncertainty_make_no_field():
+    displacement, _ = bend(np.linspace(0, 10, 20))
+    with pytest.raises(DatasetError, match="expected at least 20 frames"):
+        compute_field(displacement.isel(time=slice(19)))
+    displacement["displacement_std"].values[:] = np.nan
+    with pytest.raises(DatasetError, match="expected at least 6 points of the structure"):
+        compute_field(displacement)
 
 
 def test_files_hold_the_field(field, tmp_path):

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from simulation import SIZE, intrinsics, looking_at
-from vfm_sdm.analysis.fusion.scale import SensorScale, find_sensor_scale, first_session
+from vfm_sdm.analysis.fusion.scale import SensorScale, find_contradiction, find_sensor_scale, first_session
 from vfm_sdm.core.datasets import make_points
 from vfm_sdm.core.statuses import CameraStatus
 from vfm_sdm.errors import SessionError
@@ -16,6 +17,7 @@ from vfm_sdm.stages.cameras.site import adjust_to_site
 from vfm_sdm.stages.cameras.solution import CameraSolution
 from vfm_sdm.studies.synthetic.sensed_point import STATIC, SensedPoint, record_point
 
+TURN_RAD = np.radians(20.0)
 BASELINE_M, SIZE_OF_FIRST = 3.2, 0.7
 """And how large the first cameras see everything."""
 WHAT = SensedPoint(duration_s=30.0, gain=1.004, clock_rate=1.0, lag_s=0.2)
@@ -51,12 +53,18 @@ def first():
     return CameraSolution(rig, None, None, points), scaled, acceleration
 
 
+def write_phone(folder, time_s, values):
+    rows = zip(time_s, values, strict=True)
+    lines = ["time,lateral,vertical", *(f"{t:.6f},{a[0]:.6f},{a[1]:.6f}" for t, a in rows)]
+    (folder / "phone.csv").write_text("\n".join(lines))
+
+
 @pytest.fixture(scope="module")
 def session(tmp_path_factory, first):
     acceleration, tmp_path = first[2], tmp_path_factory.mktemp("site")
-    rows = zip(acceleration["time"].values, acceleration["acceleration"].values[:, 0], strict=True)
-    lines = ["time,lateral,vertical", *(f"{t:.6f},{a[0]:.6f},{a[1]:.6f}" for t, a in rows)]
-    (tmp_path / "phone.csv").write_text("\n".join(lines))
+    # The phone lies askew, about the structure's longitudinal axis: one of its axes would say the cosine of that.
+    turn = np.array([[np.cos(TURN_RAD), -np.sin(TURN_RAD)], [np.sin(TURN_RAD), np.cos(TURN_RAD)]])
+    write_phone(tmp_path, acceleration["time"].values, acceleration["acceleration"].values[:, 0] @ turn)
     sensor = {"name": "phone", "file": "phone.csv", "point": "mid", "units": "m/s2"}
     return Session(
         name="site",
@@ -103,13 +111,8 @@ def test_a_tape_that_contradicts_the_sensor_is_named(session, scale):
 
 def test_a_sensor_at_rest_tells_no_length(session, first, tmp_path):
     cameras, displacement, acceleration = first
-    rows = zip(
-        acceleration["time"].values,
-        1e-3 * np.random.default_rng(0).normal(size=(acceleration.sizes["time"], 2)),
-        strict=True,
-    )
-    lines = ["time,lateral,vertical", *(f"{t:.6f},{a[0]:.6f},{a[1]:.6f}" for t, a in rows)]
-    (tmp_path / "phone.csv").write_text("\n".join(lines))
+    quiet = 1e-3 * np.random.default_rng(0).normal(size=(acceleration.sizes["time"], 2))
+    write_phone(tmp_path, acceleration["time"].values, quiet)
     session = session.model_copy(update={"folder": tmp_path})
     scale = find_sensor_scale(session, lambda _: (cameras, displacement))
     assert scale.motion == ()
@@ -119,6 +122,39 @@ def test_a_sensor_at_rest_tells_no_length(session, first, tmp_path):
     assert lost.status == CameraStatus.NO_LENGTH
     # A tape would do.
     assert replace(scale, baseline=None).judge(cameras).rig is cameras.rig
+
+
+@pytest.mark.parametrize(("factor", "read"), [(1 / 9.80665, "1.00"), (0.7, "6.86"), (9.80665, "96.1")])
+def test_a_sensor_in_other_units_tells_no_length(session, first, tmp_path, factor, read):
+    cameras, displacement, acceleration = first
+    write_phone(tmp_path, acceleration["time"].values, factor * acceleration["acceleration"].values[:, 0])
+    scale = find_sensor_scale(session.model_copy(update={"folder": tmp_path}), lambda _: (cameras, displacement))
+    assert scale.motion == ()
+    assert f"tells no length: it reads {read}" in scale.notes[0]
+
+
+def fusion(*, sizes=(1.0, 1.0), scatter=1.0, agree=1):
+    """What a fusion says of the sensor along two axes, known to 1 %."""
+    axes, names = ("lateral", "vertical"), ("size", "size_std", "stated_ratio", "bands_agree")
+    values = np.transpose([(size, 0.01 * size, scatter, agree) for size in sizes])
+    return {a: xr.Dataset({n: v[i] for n, v in zip(names, values, strict=True)}) for i, a in enumerate(axes)}
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        ({}, ""),
+        ({"sizes": (1.0, 1.04)}, ""),
+        ({"sizes": (1.0, 0.7)}, "the video over it is 1.43 times as large along lateral as along vertical"),
+        ({"scatter": 3.0}, "along lateral the video scatters 3.0 times as much"),
+        ({"agree": 0}, "along lateral its motion has another size at some frequencies"),
+    ],
+)
+def test_a_sensor_that_saw_another_motion_contradicts_itself(found, said):
+    by_axis = fusion(**found)
+    sizes = {axis: float(one["size"]) for axis, one in by_axis.items()}
+    answer = find_contradiction(by_axis, sizes, dict.fromkeys(sizes, 0.01))
+    assert answer.startswith(said) if said else answer == ""
 
 
 def test_a_session_without_such_a_sensor_is_not_measured_twice(session):

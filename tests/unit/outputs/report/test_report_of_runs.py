@@ -377,9 +377,16 @@ def cut_displacement(folder):
     path.write_bytes(path.read_bytes()[:-1000])
 
 
+def change_modes(change):
+    """Modes that a reader takes for modes, and that lack what the section shows."""
+    return lambda folder: write_dataset(folder / "modes.nc", change(make_modes([f"p{n}" for n in range(6)])))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (change_modes(lambda modes: modes.assign_attrs(band_hz=[1.0])), "modes.nc: expected files as this version"),
+        (change_modes(lambda modes: modes.assign_attrs(band_hz=[1.0, 2.0])), "run `vfm-sdm modes` again"),
         (shutil.rmtree, "expected a run folder, got no such folder; run `vfm-sdm measure`"),
         (lambda folder: (folder / "summary.json").unlink(), "expected a summary, got no such file"),
         (spoil("summary.json", b"{"), "expected a summary, got: "),
@@ -400,6 +407,7 @@ def cut_displacement(folder):
         (spoil("evaluation.json", b"[]"), "expected a comparison with rows, got something else"),
         (spoil("evaluation.json", b"{"), "expected a comparison, got: "),
         (spoil("evaluation.json", b'{"rows": [{}]}'), "expected files as this version of vfm-sdm writes them"),
+        (spoil("evaluation.json", b'{"rows": [{}]}'), "run `vfm-sdm evaluate` again"),
         (spoil("modes.nc", b"no netCDF"), "expected modes, got a damaged file"),
         (lambda folder: write_dataset(folder / "modes.nc", xr.Dataset({"f": ("mode", [1.0])})), "expected modes, got"),
     ],

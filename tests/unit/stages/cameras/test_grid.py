@@ -1,5 +1,7 @@
 """Grids on the face of the virtual footbridge: points where they truly are in both views, and faults that are named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -105,12 +107,45 @@ def test_a_plain_surface_gets_no_points(frames, cameras):
 def test_faults_are_named(frames, cameras):
     with pytest.raises(SessionError, match="polygon inside 1280 x 720"):
         add_grids(session(polygon=((10.0, 10.0), (5000.0, 10.0), (20.0, 30.0))), cameras, frames)
-    with pytest.raises(SessionError, match=r"expected 1 to 2000 points, got \d+ at 0\.001 m"):
-        add_grids(session(spacing_m=0.001), cameras, frames)
+    with pytest.raises(SessionError, match=r"expected 1 to 2000 points, got \d+ at 0\.015 m"):
+        add_grids(session(spacing_m=0.015), cameras, frames)
     named = cameras.points.assign_coords(point=["web 01-01"])
     twice = CameraSolution(cameras.rig, cameras.frame, cameras.covariance, named)
     with pytest.raises(SessionError, match="grid: expected names that no point has, got web 01-0"):
         add_grids(session(), twice, frames)
+
+
+@pytest.mark.parametrize("spacing_m", [1e-3, 1e-5, 1e-9])
+def test_millions_of_points_are_refused_before_they_are_laid_out(spacing_m, frames, cameras):
+    with pytest.raises(SessionError, match=rf"got {spacing_m:g} m on a polygon of \d\.\d+ m by \d\.\d+ m on the face"):
+        add_grids(session(spacing_m=spacing_m), cameras, frames)
+
+
+@pytest.mark.parametrize(
+    ("polygon", "said"),
+    [
+        ((WEB[0], WEB[2], WEB[1], WEB[3]), "edges 1 and 3 that cross"),
+        ((WEB[0], WEB[1], WEB[3], WEB[2]), "edges 2 and 4 that cross"),
+        ((WEB[0], WEB[1], WEB[1]), "around an area, got 0 px2"),
+    ],
+)
+def test_polygons_that_cross_themselves_or_are_lines_are_refused(polygon, said):
+    with pytest.raises(ValueError, match=said):
+        session(polygon=polygon)
+    # Either way round and with a corner that turns inwards there is nothing to cross.
+    session(polygon=WEB[::-1])
+    session(polygon=(*WEB[:2], (500.0, 300.0), WEB[3]))
+
+
+def test_a_view_that_looks_elsewhere_finds_no_point(frames, cameras):
+    left, right = cameras.rig.cameras
+    away = np.column_stack([np.diag([-1.0, 1.0, -1.0]) @ right.rotation, [0.0, 0.0, -1.0]])
+    rig = Rig(cameras.rig.names, (left, replace(right, cam_from_world=away)), True)
+    found = add_grids(session(spacing_m=0.5), replace(cameras, rig=rig), frames)
+    many = found.sel(point=grid_points(found))
+    assert (many["status"].sel(view="left") == "ok").any()
+    assert not (many["status"].sel(view="right") == "ok").any()
+    assert np.isnan(many["position"].sel(view="right").values).all()
 
 
 def test_without_cameras_nothing_is_added(frames, cameras):
