@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from fields import draw_field  # noqa: E402
+from intervals import range_of_mean_share  # noqa: E402
 from vfm_sdm.analysis.field import compute_field, compute_mac, find_shapes  # noqa: E402
 from vfm_sdm.core.datasets import STRUCTURE_AXES  # noqa: E402
 from vfm_sdm.core.grids import grid_points  # noqa: E402
@@ -46,14 +47,24 @@ def simulate(draws: int, points: int) -> dict[str, Any]:
         row = np.abs(true[..., 1]).max(axis=1).argmax()
         errors.append(error[row, :, 1].max() / np.abs(true[row, :, 1]).max())
     print(f"\ndrawn beams  {draws}   points each  {points}")
-    print(f"{'axis':<14}{'inside the 95 % band':>22}")
-    for axis, share in zip(STRUCTURE_AXES, np.mean(inside, axis=0), strict=True):
-        print(f"{axis:<14}{100 * share:>20.1f} %")
+    print(f"{'axis':<14}{'inside the 95 % band':>22}{'true share':>18}{'one beam in 10 below, above':>32}{'worth':>8}")
+    spread = {}
+    for axis, shares in zip(STRUCTURE_AXES, np.transpose(inside), strict=True):
+        low, high = range_of_mean_share(shares)
+        few, many = np.quantile(shares, [0.1, 0.9])
+        # So many independent samples would scatter as much as the shares of single beams do.
+        worth = shares.mean() * (1 - shares.mean()) / np.var(shares) if draws > 1 and np.ptp(shares) > 0 else 1.0
+        spread[axis] = {"low_share": low, "high_share": high, "tenth_share": few, "nine_tenths_share": many}
+        print(
+            f"{axis:<14}{100 * shares.mean():>20.1f} %{100 * low:>9.1f} to {100 * high:.1f} %"
+            f"{100 * few:>20.1f} %, {100 * many:>6.1f} %{worth:>8.1f}"
+        )
     print(f"line of the largest deflection, error over its maximum: {100 * np.median(errors):.2f} % in the median")
     return {
         "draws": draws,
         "points": points,
         "inside_share": {a: float(s) for a, s in zip(STRUCTURE_AXES, np.mean(inside, axis=0), strict=True)},
+        "inside_range": {a: {key: float(value) for key, value in one.items()} for a, one in spread.items()},
         "line_error_share": float(np.median(errors)),
     }
 

@@ -8,11 +8,11 @@ of the right mean width half may be far too narrow.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import binomtest, chi2, t
 
 from vfm_sdm.core.arrays import FloatArray
 
-__all__ = ["TOO_NARROW", "TOO_WIDE", "covered", "mean_square", "objections"]
+__all__ = ["TOO_NARROW", "TOO_WIDE", "covered", "mean_square", "objections", "range_of_mean_share", "range_of_share"]
 
 COVERED, MOST_COVERED = 0.95, 0.99
 SPREAD = 0.06
@@ -56,3 +56,21 @@ def objections(ratios: Sequence[FloatArray]) -> set[str]:
         "wider than the errors ask for": squares < least,
     }
     return {what for what, anywhere in beyond.items() if anywhere.any()}
+
+
+def range_of_share(held: int, of: int) -> tuple[float, float]:
+    """Between which shares the true one lies with 95 %, of independent trials (Wilson's interval)."""
+    found = binomtest(int(held), int(of)).proportion_ci(0.95, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def range_of_mean_share(shares: FloatArray) -> tuple[float, float]:
+    """Between which shares the true mean lies with 95 %, of independent records (R,); of one record, anywhere.
+
+    Samples of one record are alike, so that the records count and not their samples.
+    """
+    if len(shares) < 2:
+        return 0.0, 1.0
+    half = float(t.ppf(0.975, len(shares) - 1) * np.std(shares, ddof=1) / np.sqrt(len(shares)))
+    middle = float(np.mean(shares))
+    return max(middle - half, 0.0), min(middle + half, 1.0)

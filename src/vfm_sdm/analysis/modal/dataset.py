@@ -9,7 +9,7 @@ import xarray as xr
 
 from vfm_sdm.analysis.modal.oscillation import Oscillation, Spread
 from vfm_sdm.analysis.modal.poles import Cluster, Poles
-from vfm_sdm.analysis.modal.shapes import compute_mac, to_real
+from vfm_sdm.analysis.modal.shapes import Peaks, compute_mac, to_real
 from vfm_sdm.analysis.modal.signals import DETRENDING, Channels
 from vfm_sdm.analysis.modal.spectra import Spectra
 from vfm_sdm.core.arrays import ComplexArray, FloatArray
@@ -128,17 +128,19 @@ def _by_mode(name: str, units: str, spreads: Sequence[Spread]) -> dict[str, Any]
 
 
 def _scaled_shape(channels: Channels, one: Found, found: Sequence[Found]) -> tuple[ComplexArray, FloatArray]:
-    """Shape with its largest entry 1, and its standard deviation by what the modes leave over near its frequency."""
+    """Shape with its largest entry 1, and its standard deviation by what else moves near its frequency."""
     white = channels.values / channels.noise_mm
-    frequency = np.fft.rfftfreq(len(white), 1 / channels.rate_hz)
-    hertz = one.oscillation.frequency_hz.value
-    width = max(4 / channels.duration_s, 2 * one.oscillation.damping_ratio.value * hertz)
-    near = np.abs(frequency - hertz) <= width
+    peaks = Peaks(
+        np.array([other.oscillation.frequency_hz.value for other in found]),
+        np.array([other.oscillation.damping_ratio.value for other in found]),
+        channels.duration_s,
+    )
+    near = peaks.near(found.index(one), np.fft.rfftfreq(len(white), 1 / channels.rate_hz))
+    beside = [found[number] for number in peaks.beside(found.index(one))]
     lines = np.fft.rfft(white, axis=0)[near]
-    series = np.fft.rfft(np.stack([other.series for other in found], axis=1), axis=0)[near]
-    shapes = np.stack([other.cluster.shape for other in found])
-    own = series[:, found.index(one)]
-    left = lines - series @ shapes
+    series = np.fft.rfft(np.stack([other.series for other in beside], axis=1), axis=0)[near]
+    own = series[:, 0]
+    left = lines - series @ np.stack([other.cluster.shape for other in beside])
     scatter = np.sqrt((np.abs(left) ** 2).mean(axis=0) / (np.abs(own) ** 2).sum())
     scaled = to_real(one.cluster.shape * channels.noise_mm)
     factor = np.linalg.norm(one.cluster.shape * channels.noise_mm) / np.linalg.norm(one.cluster.shape)

@@ -1,7 +1,7 @@
 """Modes of a measured structure: which there are, and what is known of frequency, damping and shape of each."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -9,7 +9,7 @@ import xarray as xr
 from vfm_sdm.analysis.modal.dataset import Found, make_modes
 from vfm_sdm.analysis.modal.oscillation import Oscillation, compute_support, estimate_oscillation
 from vfm_sdm.analysis.modal.poles import Cluster, find_clusters, find_poles
-from vfm_sdm.analysis.modal.shapes import compute_mac
+from vfm_sdm.analysis.modal.shapes import Peaks, compute_collinearity, compute_mac, to_real
 from vfm_sdm.analysis.modal.signals import Channels, make_channels
 from vfm_sdm.analysis.modal.spectra import compute_spectra
 from vfm_sdm.core.arrays import FloatArray
@@ -26,6 +26,8 @@ _ALIKE = 0.5
 """Shapes less alike than this (MAC) are taken out of each other's series, wherever they vibrate."""
 _WIDTHS, _FEWEST_LINES, _MOST_LINES = 8.0, 16.0, 250.0
 """Band about a mode: half-widths of its peak, and lines of the record at least and at most."""
+_REFINEMENTS = 2
+"""How often shapes are taken from the lines of the peaks, each time with the coordinates of the shapes before."""
 _DRIVEN = 0.002
 """Damping ratio below which nothing that is built vibrates freely [1]."""
 _WIDEST = 0.05
@@ -116,6 +118,9 @@ def identify_modes(
             break
         reason = ModeStatus.NO_SUPPORT if support[weakest] < _LEAST_SUPPORT else ModeStatus.TOO_MANY
         left_out.append((chosen.pop(weakest).frequency_hz, reason))
+    for _ in range(_REFINEMENTS if chosen else 0):
+        chosen = _refine_shapes(white, chosen, channels)
+        series = _modal_coordinates(white, chosen, channels)
     found = []
     for number, cluster in enumerate(chosen):
         one = _estimate(series[:, number], chosen, number, channels)
@@ -170,6 +175,27 @@ def _modal_coordinates(white: FloatArray, clusters: Sequence[Cluster], channels:
         ]
         series[:, number] = white @ np.linalg.pinv(shapes[:, taken])[taken.index(number)]
     return series
+
+
+def _refine_shapes(white: FloatArray, clusters: Sequence[Cluster], channels: Channels) -> list[Cluster]:
+    """Clusters with the shapes that the lines of their peaks show.
+
+    In a record of few periods modes that have nothing to do with each other correlate by chance over the short lags of
+    the subspace, and so shapes are mixtures. At a mode's own peak the others are weak, and what moves there with its
+    coordinate is its shape. Only modes whose peaks overlap are told apart as before.
+    """
+    lines, hertz = np.fft.rfft(white, axis=0), np.fft.rfftfreq(len(white), 1 / channels.rate_hz)
+    coordinates = np.fft.rfft(_modal_coordinates(white, clusters, channels), axis=0)
+    frequency, damping = (
+        np.array([getattr(cluster, name) for cluster in clusters]) for name in ("frequency_hz", "damping_ratio")
+    )
+    peaks, refined = Peaks(frequency, damping, channels.duration_s), []
+    for number, one in enumerate(clusters):
+        near, beside = peaks.near(number, hertz), peaks.beside(number)
+        shape = np.linalg.lstsq(coordinates[near][:, beside], lines[near], rcond=None)[0][0]
+        shape = to_real(shape, one.shape)
+        refined.append(replace(one, shape=shape, collinearity=compute_collinearity(shape)))
+    return refined
 
 
 def _support(series: FloatArray, clusters: Sequence[Cluster], number: int, channels: Channels) -> float:

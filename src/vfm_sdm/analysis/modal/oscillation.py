@@ -176,18 +176,20 @@ def _log_likelihood(
     step = np.exp(-1j * lines)
     logs = np.empty((len(frequency), len(damping), len(noise)))
     for block, pole in _blocks(np.exp(angle * (1j * np.sqrt(1 - damping**2) - damping)), len(lines) * len(noise)):
-        transfer = 1 / (1 - pole[:, None] * step)
+        transfer, mirrored = 1 / (1 - pole[:, None] * step), 1 / (1 - np.conj(pole)[:, None] * step)
+        alike = _likeness(pole)[:, None]
         after = pole**count
         shared = 2 * np.abs(pole) ** 2 * (1 - after.real) / (1 - np.abs(pole) ** 2)
-        # Covariance of E_j and D, over the variance of e.
+        # What the force gives at a line, over the variance of e; and its covariance with D.
+        power = np.abs(transfer) ** 2 + np.abs(mirrored) ** 2 + 2 * (alike * transfer * np.conj(mirrored)).real
         mixed = -np.conj(pole)[:, None] * (1 - np.conj(after))[:, None] / (step - np.conj(pole)[:, None])
-        power = np.abs(transfer) ** 2
+        mixed = (transfer + np.conj(alike) * mirrored) * mixed
         inverse = 1 / (power[:, None] + noise[:, None])  # (G, N, M)
-        s11 = np.einsum("gnm,gm->gn", inverse, power)
-        s12 = np.einsum("gnm,gm->gn", inverse, power * mixed)
-        s22 = np.einsum("gnm,gm->gn", inverse, power * np.abs(mixed) ** 2)
+        s11 = np.einsum("gnm,gm->gn", inverse, np.abs(transfer) ** 2)
+        s12 = np.einsum("gnm,gm->gn", inverse, np.conj(transfer) * mixed)
+        s22 = np.einsum("gnm,gm->gn", inverse, np.abs(mixed) ** 2)
         y1 = np.einsum("gnm,gm->gn", inverse, np.conj(transfer) * coefficients)
-        y2 = np.einsum("gnm,gm->gn", inverse, np.conj(transfer * mixed) * coefficients)
+        y2 = np.einsum("gnm,gm->gn", inverse, np.conj(mixed) * coefficients)
         # Woodbury's identity, with the 2 x 2 matrix of the shared part inverted by hand.
         m22 = s22 - count * shared[:, None]
         determinant = s11 * m22 - np.abs(s12 + count) ** 2
@@ -197,6 +199,11 @@ def _log_likelihood(
         volume = np.log(-determinant / count**2) - np.log(inverse).sum(axis=2)
         logs.reshape(-1, len(noise))[block] = -volume - len(lines) * np.log(left)
     return logs
+
+
+def _likeness(pole: ComplexArray) -> ComplexArray:
+    """Mean square of e over its mean squared modulus, shape (G,): the force acts on the velocity alone."""
+    return np.asarray((1 - pole**2) / np.log(pole) * np.log(np.abs(pole)) / (np.abs(pole) ** 2 - 1))
 
 
 def _blocks(poles: ComplexArray, each: int) -> Iterator[tuple[slice, ComplexArray]]:

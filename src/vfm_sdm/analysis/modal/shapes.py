@@ -1,10 +1,64 @@
 """Mode shapes: how alike two are, how far one is from moving all in phase, and their phase."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from vfm_sdm.core.arrays import ComplexArray, FloatArray
+from vfm_sdm.core.arrays import BoolArray, ComplexArray, FloatArray
 
-__all__ = ["compute_collinearity", "compute_mac", "to_real"]
+__all__ = ["Peaks", "compute_collinearity", "compute_mac", "to_real"]
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """Where M modes show in the lines of a record.
+
+    Parameters
+    ----------
+    frequency_hz, damping_ratio
+        Of the modes, shape (M,) [Hz], [1].
+    duration_s
+        Length of the record [s].
+
+    Examples
+    --------
+    >>> peaks = Peaks(np.array([2.0, 2.1, 5.0]), np.array([0.01, 0.01, 0.01]), 60.0)
+    >>> peaks.beside(1), int(peaks.near(2, np.arange(600) / 60).sum())
+    ([1, 0], 13)
+    """
+
+    frequency_hz: FloatArray
+    damping_ratio: FloatArray
+    duration_s: float
+
+    @property
+    def half_widths_hz(self) -> FloatArray:
+        """How far from its frequency a mode is most of what moves, shape (M,) [Hz]."""
+        return np.maximum(4 / self.duration_s, 2 * self.damping_ratio * self.frequency_hz)
+
+    def near(self, number: int, line_hz: FloatArray) -> BoolArray:
+        """Lines that a mode rules, shape (F,).
+
+        Parameters
+        ----------
+        number
+            Of the mode.
+        line_hz
+            Frequencies of the lines, shape (F,) [Hz].
+        """
+        return np.asarray(np.abs(line_hz - self.frequency_hz[number]) <= self.half_widths_hz[number])
+
+    def beside(self, number: int) -> list[int]:
+        """Numbers of a mode and, after it, of all whose peaks overlap with its own.
+
+        Parameters
+        ----------
+        number
+            Of the mode.
+        """
+        apart = np.abs(self.frequency_hz - self.frequency_hz[number])
+        overlap = np.flatnonzero(apart <= self.half_widths_hz + self.half_widths_hz[number])
+        return [number, *(int(other) for other in overlap if other != number)]
 
 
 def compute_mac(first: ComplexArray, second: ComplexArray) -> FloatArray:
