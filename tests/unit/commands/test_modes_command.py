@@ -70,7 +70,7 @@ def test_json_has_the_table(run, capsys):
 def picture(tmp_path_factory):
     """A run folder of a single view: motion in the picture, whose places are not known."""
     folder = tmp_path_factory.mktemp("one view")
-    seen = vibrate(12.0).isel(axis=[0, 1], point=[1]).assign_coords(axis=["right", "down"])
+    seen = vibrate(30.0).isel(axis=[0, 1], point=[1]).assign_coords(axis=["right", "down"])
     seen = seen.assign(position=seen["position"] * np.nan).assign_attrs(frame="image plane")
     write_dataset(folder / "displacement.nc", seen)
     return folder
@@ -82,7 +82,7 @@ def test_modes_of_a_single_view_are_those_in_the_picture(picture, capsys):
     assert [row["Hz"] for row in content["tables"][0]["rows"]] == pytest.approx(FREQUENCY_HZ, rel=0.08)
     lines = "\n".join(content["lines"])
     # Two channels in 20 blocks: (20 - 1) 2.
-    assert "2 channels along right, down, 12.0 s at 30 Hz, band 0.667 to 12 Hz, order up to 38;" in lines
+    assert "2 channels along right, down, 30.0 s at 30 Hz, band 0.267 to 12 Hz, order up to 38;" in lines
     assert "the order of the model is 38 at most, not 40" in lines
     assert "what moves towards the camera is not seen" in lines
     modes = read_modes(picture)
