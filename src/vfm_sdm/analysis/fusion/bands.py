@@ -1,4 +1,4 @@
-"""Whether video and sensor agree at all frequencies: a sensor elsewhere on the structure sees its modes in other sizes."""
+"""Whether video and sensor agree at all frequencies: a sensor elsewhere sees modes in other sizes."""
 
 from dataclasses import dataclass
 
@@ -93,7 +93,9 @@ def _integrate(record: Record, clock: FloatArray, fused: Fused) -> FloatArray:
     return np.asarray(np.fft.irfft(response * np.fft.rfft(acceleration), len(clock)))
 
 
-def _compare(seen: ComplexArray, said: ComplexArray, inside: BoolArray, noise: FloatArray) -> tuple[float, float] | None:
+def _compare(
+    seen: ComplexArray, said: ComplexArray, inside: BoolArray, noise: FloatArray
+) -> tuple[float, float] | None:
     """Size and standard deviation in a band; nothing where the sensor sees little but its noise."""
     count, power = int(inside.sum()), float(np.sum(np.abs(said[inside]) ** 2))
     if count < _LEAST_BINS or not power > float(np.sum(noise[inside])) / _NOISE_SHARE:

@@ -215,8 +215,8 @@ def _doubt_units(acceleration: xr.Dataset, felt: float) -> str:
     if felt < _NO_GRAVITY * _G or least <= felt <= (1 + _LIKE_GRAVITY) * _G:
         return ""
     return (
-        f"it reads {felt:.2f} m/s2 at rest, neither gravity, {_G:.2f}, nor nothing; check its units and its columns, and "
-        "name those of all three axes where it is not upright"
+        f"it reads {felt:.2f} m/s2 at rest, neither gravity, {_G:.2f}, nor nothing; check its units and its columns, "
+        "and name those of all three axes where it is not upright"
     )
 
 
