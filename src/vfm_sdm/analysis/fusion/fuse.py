@@ -41,7 +41,7 @@ _LEFT_OUT = (
     "{axis}: left out; the video is {gain:.2f} times the sensor; check the sensor's units and the sign of its column"
 )
 _OTHER_BANDS = (
-    "{axis}: the video over the sensor is {other}; the sensor sits elsewhere, or does not show all frequencies alike"
+    "{axis}: the video over the sensor is {other}; the sensor sits elsewhere or does not show all frequencies alike"
 )
 _FAILURES = {
     ClockStatus.NOT_UNIQUE: FusionStatus.AMBIGUOUS,
@@ -104,7 +104,8 @@ def fuse(
     fused
         Dims ``time`` and ``axis``: ``displacement``, ``displacement_std`` (all but the scale and what else the whole
         series shares), ``combined_std`` [mm] and ``status``; by axis what was found of sensor and video, see
-        `vfm_sdm.analysis.fusion.result.describe_fusion`. Attribute ``status`` is one of
+        `vfm_sdm.analysis.fusion.result.describe_fusion`, and whether they agree at all frequencies, ``bands_agree``.
+        Attribute ``status`` is one of
         `vfm_sdm.core.statuses.FusionStatus`; there are no samples unless it is ``ok``.
 
     Raises

@@ -189,7 +189,7 @@ def _read_length(
     }
     contradiction = find_contradiction(found, {axis: float(clear[axis]["size"]) for axis in clear}, spreads)
     if contradiction:
-        return None, f"{contradiction}; check that it sits at {point}, its columns, and that nothing filters it"
+        return None, f"{contradiction}; check that it sits at {point} and that nothing filters it"
     axis = min(spreads, key=lambda one: spreads[one])
     gain, std = float(found[axis]["size"]), float(np.hypot(spreads[axis], sensor.scale_std or 0.0))
     rest, moved = _place_motion(cameras, point, [str(a) for a in displacement["axis"].values].index(axis))
@@ -199,7 +199,7 @@ def _read_length(
     length = _length_in(cameras, one) / gain
     note = f"scale by sensor {sensor.name}: motion of {point} along {axis} known to {100 * std:.2g} %"
     if felt < _NO_GRAVITY * _G:
-        note += "; its record holds no gravity, so nothing checks its units"
+        note += "; its record holds no gravity and nothing checks its units"
     return one.model_copy(update={"length": length, "std": std * length}), note
 
 
@@ -215,8 +215,8 @@ def _doubt_units(acceleration: xr.Dataset, felt: float) -> str:
     if felt < _NO_GRAVITY * _G or least <= felt <= (1 + _LIKE_GRAVITY) * _G:
         return ""
     return (
-        f"it reads {felt:.2f} m/s2 at rest, neither gravity, {_G:.2f}, nor nothing; check its units and its columns, "
-        "and name those of all three axes where it is not upright"
+        f"it reads {felt:.2f} m/s2 at rest, neither gravity nor nothing; check its units and its columns; name "
+        "those of all three axes where it is not upright"
     )
 
 
