@@ -60,6 +60,7 @@ FUSION_FORMS: Mapping[str, str] = {
     "lag of the sensor": "Versatz des Sensors",
     "sensor {sensor} tells no length": "Sensor {sensor} gibt keine Länge an",
     "it reads {value:n} m/s2 at rest": "er zeigt in Ruhe {value} m/s2",
+    "its vertical axis does not feel gravity": "seine vertikale Achse spürt die Fallbeschleunigung nicht",
     "neither gravity nor nothing": "weder die Fallbeschleunigung noch nichts",
     "check its units and its columns": "seine Einheiten und Spalten prüfen",
     "name those of all three axes where it is not upright": "die aller drei Achsen angeben, wenn er nicht aufrecht "
