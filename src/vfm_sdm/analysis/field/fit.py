@@ -19,9 +19,9 @@ _MOST_SAMPLES = 2000
 """Samples from which covariances are learnt: more say the same."""
 _LEAST_PRIOR = 1e-9
 _BEYOND = 0.5 ** np.arange(8)
-"""Variance of the terms beyond the last one over that of the last two: shapes of structures fade, how fast is not known."""
+"""Variance of the terms beyond the last over that of the last two: shapes fade, how fast is not known."""
 _KNOWN_TERMS = 5
-"""Terms from which on the last two show whether shapes have faded; below, they are taken for what is beyond as they are."""
+"""Terms from which on the last two show whether shapes have faded; below, what is beyond is taken to be as large."""
 _SHOWN = 3.0
 """Variance of a term over what the points leave open of it, above which it is more than noise [1]."""
 
@@ -156,7 +156,7 @@ def fit_axis(displacement_mm: FloatArray, std_mm: FloatArray, place_m: FloatArra
 
 
 def _vary_beyond(prior: FloatArray, posterior: FloatArray) -> float:
-    """Variance of the first term beyond the last [mm2], from those of M terms and what the points leave open of them."""
+    """Variance of the first term beyond the last [mm2], from those of M terms and what points leave open of them."""
     last = prior[-2:] if len(prior) < _KNOWN_TERMS else np.where(prior > _SHOWN * posterior, prior, 0.0)[-2:]
     return float(last.max())
 

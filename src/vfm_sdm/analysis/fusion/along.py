@@ -165,7 +165,7 @@ class Fused:
     own
         Number of the sensor's axis along which displacement is.
     size, size_std
-        Gain of the sensor whichever way it is turned: the length of the vector of gains, and its standard deviation [1].
+        Gain of the sensor however it is turned: the length of the vector of gains, and its standard deviation [1].
     """
 
     time_s: FloatArray

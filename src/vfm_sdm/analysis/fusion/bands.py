@@ -1,6 +1,7 @@
-"""Whether video and sensor agree at all frequencies: a sensor elsewhere on the structure sees its modes in other sizes."""
+"""Whether video and sensor agree at all frequencies: a sensor elsewhere sees modes in other sizes."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -8,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from vfm_sdm.analysis.fusion.along import Fused, Record, Video
 from vfm_sdm.core.arrays import BoolArray, ComplexArray, FloatArray
 
-__all__ = ["BandSize", "compare_bands", "name_contradiction"]
+__all__ = ["BandSize", "compare_bands", "find_contradicting"]
 
 _LOWEST_HZ, _HIGHEST_SHARE, _STEP = 1.0, 0.4, np.sqrt(2)
 """Lowest edge of the bands [Hz], highest one over the frame rate [1], and from edge to edge: half an octave."""
@@ -106,8 +107,8 @@ def _compare(
     return (size, std) if std < _WORST_STD else None
 
 
-def name_contradiction(bands: list[BandSize]) -> str:
-    """Words on two bands that contradict each other; none where all agree.
+def find_contradicting(bands: list[BandSize]) -> tuple[BandSize, BandSize] | None:
+    """The two bands that contradict each other most; none where all agree.
 
     Parameters
     ----------
@@ -116,16 +117,14 @@ def name_contradiction(bands: list[BandSize]) -> str:
 
     Examples
     --------
-    >>> name_contradiction([BandSize(1, 1.4, 0.8, 0.01), BandSize(4, 5.7, 1.3, 0.02)])
-    '0.80 from 1 to 1.4 Hz and 1.30 from 4 to 5.7 Hz'
-    >>> name_contradiction([BandSize(1, 1.4, 0.99, 0.01), BandSize(4, 5.7, 1.02, 0.02)])
-    ''
+    >>> low, high = find_contradicting([BandSize(1, 1.4, 0.8, 0.01), BandSize(4, 5.7, 1.3, 0.02)])
+    >>> low.size, high.size
+    (0.8, 1.3)
+    >>> find_contradicting([BandSize(1, 1.4, 0.99, 0.01), BandSize(4, 5.7, 1.02, 0.02)])
     """
-    worst, said = 0.0, ""
-    for number, one in enumerate(bands):
-        for other in bands[number + 1 :]:
-            apart, std = abs(other.size - one.size), float(np.hypot(one.std, other.std))
-            if apart > max(_LEAST_OFF, _CONTRADICTS * std) and apart / max(std, 1e-12) > worst:
-                worst = apart / max(std, 1e-12)
-                said = " and ".join(f"{b.size:.2f} from {b.low_hz:.2g} to {b.high_hz:.2g} Hz" for b in (one, other))
-    return said
+    worst, found = 0.0, None
+    for one, other in combinations(bands, 2):
+        apart, std = abs(other.size - one.size), float(np.hypot(one.std, other.std))
+        if apart > max(_LEAST_OFF, _CONTRADICTS * std) and apart / max(std, 1e-12) > worst:
+            worst, found = apart / max(std, 1e-12), (one, other)
+    return found

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from vfm_sdm.analysis.fusion.along import Alignment, Fused, Record, Video, fuse_along
-from vfm_sdm.analysis.fusion.bands import compare_bands, name_contradiction
+from vfm_sdm.analysis.fusion.bands import BandSize, compare_bands, find_contradicting
 from vfm_sdm.analysis.fusion.result import describe_fusion, fail_fusion
 from vfm_sdm.analysis.fusion.still_points import estimate_video_errors
 from vfm_sdm.core.arrays import BoolArray, FloatArray
@@ -48,9 +48,6 @@ _BY_START = (
 )
 _LEFT_OUT = (
     "{axis}: left out; the video is {gain:.2f} times the sensor; check the sensor's units and the sign of its column"
-)
-_OTHER_BANDS = (
-    "{axis}: the video over the sensor is {other}; the sensor sits elsewhere, or does not show all frequencies alike"
 )
 _FAILURES = {
     ClockStatus.NOT_UNIQUE: FusionStatus.AMBIGUOUS,
@@ -144,7 +141,8 @@ def fuse(
     fused
         Dims ``time`` and ``axis``: ``displacement``, ``displacement_std`` (all but the scale and what else the whole
         series shares), ``combined_std`` [mm] and ``status``; by axis what was found of sensor and video, see
-        `vfm_sdm.analysis.fusion.result.describe_fusion`. Attribute ``status`` is one of
+        `vfm_sdm.analysis.fusion.result.describe_fusion`, and whether they agree at all frequencies, ``bands_agree``.
+        Attribute ``status`` is one of
         `vfm_sdm.core.statuses.FusionStatus`; there are no samples unless it is ``ok``.
 
     Raises
@@ -201,7 +199,7 @@ def fuse(
     if not errors.points:
         notes.append(_NO_STATIC)
     found: dict[str, Fused] = {}
-    others: dict[str, str] = {}
+    apart: dict[str, tuple[BandSize, BandSize] | None] = {}
     # The axis that moves most tells the clock best; the others begin with what it found.
     for axis in sorted(seen, key=lambda one: -_strength(seen[one])):
         one = fuse_along(record, seen[axis], axis, alignment, errors)
@@ -209,14 +207,23 @@ def fuse(
         if gain < 0 or abs(gain - 1) > _MOST_OFF * settings.gain_std:
             notes.append(_LEFT_OUT.format(axis=axis, gain=gain))
             continue
-        found[axis], others[axis] = one, name_contradiction(compare_bands(record, seen[axis], one))
+        found[axis], apart[axis] = one, find_contradicting(compare_bands(record, seen[axis], one))
         alignment = replace(one.alignment, gain_std=alignment.gain_std, cross_std=alignment.cross_std)
     if not found:
         return fail_fusion(point, sensor, chosen, FusionStatus.OTHER_SIZE, notes)
-    notes += [_OTHER_BANDS.format(axis=axis, other=other) for axis, other in others.items() if other]
+    notes += [_name_bands(axis, *bands) for axis, bands in apart.items() if bands is not None]
     in_order = {axis: found[axis] for axis in seen if axis in found}
     described = describe_fusion(displacement.sel(point=point), in_order, record, sensor, notes)
-    return described.assign(bands_agree=("axis", np.array([not others[axis] for axis in in_order], np.int8)))
+    return described.assign(bands_agree=("axis", np.array([apart[axis] is None for axis in in_order], np.int8)))
+
+
+def _name_bands(axis: str, one: BandSize, other: BandSize) -> str:
+    """What two bands say of an axis that contradict each other."""
+    return (
+        f"{axis}: the video over the sensor is {one.size:.2f} from {one.low_hz:.2g} to {one.high_hz:.2g} Hz and "
+        f"{other.size:.2f} from {other.low_hz:.2g} to {other.high_hz:.2g} Hz; the sensor sits elsewhere or does not "
+        "show all frequencies alike"
+    )
 
 
 def _replace_lone(acceleration: xr.Dataset) -> tuple[xr.Dataset, list[str]]:

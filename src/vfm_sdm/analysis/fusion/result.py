@@ -50,10 +50,10 @@ def describe_fusion(
         Dims ``time`` and ``axis``. ``displacement`` [mm]; ``displacement_std``, which differs from sample to sample;
         ``combined_std``, with what the budget of the video states beside its random part: scale, compression and subset
         in proportion to the motion, clocks of the views, assumption and origin as they are on the whole; ``status``. By
-        axis: ``gain`` (acceleration of the video over that of the sensor) and ``gain_std`` [1]; ``size`` and ``size_std``,
-        the same over all axes of a sensor that may be turned [1]; ``lag`` and ``lag_std``
-        [s], ``drift_std`` [1]; ``bias`` [m/s2]; ``sensor_noise`` [m/s2/sqrt(Hz)]; ``video_std``, of a value of the
-        video alone, and its slow part ``slow_std`` [mm] with its correlation time ``slow_time`` [s]; ``exposure`` [s];
+        axis: ``gain`` (acceleration of the video over that of the sensor) and ``gain_std`` [1]; ``size`` and
+        ``size_std``, the same over all axes of a sensor that may be turned [1]; ``lag`` and ``lag_std`` [s],
+        ``drift_std`` [1]; ``bias`` [m/s2]; ``sensor_noise`` [m/s2/sqrt(Hz)]; ``video_std``, of a value of the video
+        alone, and its slow part ``slow_std`` [mm] with its correlation time ``slow_time`` [s]; ``exposure`` [s];
         ``innovation_rms`` [mm] and ``innovation_ratio`` [1]; ``stated_ratio``, the scatter of the video over the stated
         one [1].
     """

@@ -23,8 +23,12 @@ _STAND_IN_STD = 0.5
 """Relative standard deviation of the baseline that stands in then: nothing beside what the sensor says."""
 _GAIN_STD = 3.0
 """Of the sensor's gain beside cameras of any scale [1]."""
-_CROSS_STD = 0.5
-"""Of the share of one axis that another one shows [1]: a phone may lie as it likes, its length is that of all axes."""
+_VERTICAL = "vertical"
+_LEVEL_STD, _CROSS_STD = 0.05, 0.5
+"""Of the share of one axis that another one shows [1]: in vertical, which gravity tells to three degrees, and in the
+others, because a sensor may lie turned as it likes; its length is that of all axes."""
+_LEAST_UPRIGHT = 0.5
+"""Share of gravity that a vertical axis must feel [1]: 60 degrees."""
 _LEAST_GAIN = 5.0
 """Standard deviations that a gain must be above zero for the sensor to tell a length."""
 _MOST_SCATTER = 2.0
@@ -168,16 +172,25 @@ def _read_length(
 ) -> tuple[SensedMotion | None, str]:
     """The motion whose length a sensor tells, or the reason why it does not."""
     acceleration, point = read_session_acceleration(session, sensor.name)
-    felt = _read_gravity(acceleration)
-    doubt = _doubt_units(acceleration, felt)
+    rest = np.nanmedian(acceleration["acceleration"].values[:, 0], axis=0)
+    axes = [str(axis) for axis in acceleration["axis"].values]
+    doubt = _doubt_rest(rest, axes)
     if doubt:
         return None, doubt
     static = [one.name for one in session.point if one.static]
-    settings = FusionSettings(gain_std=_GAIN_STD, cross_std=_CROSS_STD)
-    fused = fuse(displacement, acceleration, point, static=static, settings=settings)
-    if fused.attrs["status"] != FusionStatus.OK:
-        return None, str(fused.attrs["status"])
-    found = {str(axis): fused.sel(axis=axis) for axis in fused["axis"].values}
+    found: dict[str, xr.Dataset] = {}
+    reasons: list[str] = []
+    for chosen, cross_std in (([_VERTICAL], _LEVEL_STD), ([axis for axis in axes if axis != _VERTICAL], _CROSS_STD)):
+        if not {*chosen} <= {*axes} or not chosen:
+            continue
+        settings = FusionSettings(gain_std=_GAIN_STD, cross_std=cross_std)
+        levelled = _level(acceleration, rest, axes)
+        fused = fuse(displacement, levelled, point, axes=chosen, static=static, settings=settings)
+        reasons.append(str(fused.attrs["status"]))
+        if fused.attrs["status"] == FusionStatus.OK:
+            found |= {str(axis): fused.sel(axis=axis) for axis in fused["axis"].values}
+    if not found:
+        return None, reasons[0]
     clear = {axis: one for axis, one in found.items() if float(one["size"]) > _LEAST_GAIN * float(one["size_std"])}
     if not clear:
         return None, str(FusionStatus.NO_MOTION)
@@ -189,34 +202,52 @@ def _read_length(
     }
     contradiction = find_contradiction(found, {axis: float(clear[axis]["size"]) for axis in clear}, spreads)
     if contradiction:
-        return None, f"{contradiction}; check that it sits at {point}, its columns, and that nothing filters it"
+        return None, f"{contradiction}; check that it sits at {point} and that nothing filters it"
     axis = min(spreads, key=lambda one: spreads[one])
     gain, std = float(found[axis]["size"]), float(np.hypot(spreads[axis], sensor.scale_std or 0.0))
-    rest, moved = _place_motion(cameras, point, [str(a) for a in displacement["axis"].values].index(axis))
-    if not rest:
+    before, moved = _place_motion(cameras, point, [str(a) for a in displacement["axis"].values].index(axis))
+    if not before:
         return None, f"point {point} is not seen in two views"
-    one = SensedMotion(point=point, sensor=sensor.name, rest=rest, moved=moved, length=1.0, std=1.0)
+    one = SensedMotion(point=point, sensor=sensor.name, rest=before, moved=moved, length=1.0, std=1.0)
     length = _length_in(cameras, one) / gain
     note = f"scale by sensor {sensor.name}: motion of {point} along {axis} known to {100 * std:.2g} %"
-    if felt < _NO_GRAVITY * _G:
-        note += "; its record holds no gravity, so nothing checks its units"
+    if not _holds_gravity(rest):
+        note += "; its record holds no gravity and nothing checks its units"
     return one.model_copy(update={"length": length, "std": std * length}), note
 
 
-def _read_gravity(acceleration: xr.Dataset) -> float:
-    """What a sensor reads at rest, over all its axes [m/s2]."""
-    return float(np.linalg.norm(np.nanmedian(acceleration["acceleration"].values[:, 0], axis=0)))
+def _holds_gravity(rest: FloatArray) -> bool:
+    return float(np.linalg.norm(rest)) >= _NO_GRAVITY * _G
 
 
-def _doubt_units(acceleration: xr.Dataset, felt: float) -> str:
-    """Words where a reading at rest [m/s2] is neither gravity nor nothing; none where it may be either."""
-    holds = "vertical" in acceleration["axis"].values
-    least = (1 - _LIKE_GRAVITY) * _G if holds else 0.0
-    if felt < _NO_GRAVITY * _G or least <= felt <= (1 + _LIKE_GRAVITY) * _G:
+def _doubt_rest(rest: FloatArray, axes: list[str]) -> str:
+    """Words where what a sensor reads at rest (A,) [m/s2] is neither gravity along vertical nor nothing; else none."""
+    felt = float(np.linalg.norm(rest))
+    if not _holds_gravity(rest):
         return ""
-    return (
-        f"it reads {felt:.2f} m/s2 at rest, neither gravity, {_G:.2f}, nor nothing; check its units and its columns, and "
-        "name those of all three axes where it is not upright"
+    least = (1 - _LIKE_GRAVITY) * _G if _VERTICAL in axes else 0.0
+    if not least <= felt <= (1 + _LIKE_GRAVITY) * _G:
+        return (
+            f"it reads {felt:.2f} m/s2 at rest, neither gravity nor nothing; check its units and its columns; name "
+            "those of all three axes where it is not upright"
+        )
+    if _VERTICAL in axes and abs(rest[axes.index(_VERTICAL)]) < _LEAST_UPRIGHT * felt:
+        return "its vertical axis does not feel gravity; check its units and its columns"
+    return ""
+
+
+def _level(acceleration: xr.Dataset, rest: FloatArray, axes: list[str]) -> xr.Dataset:
+    """The acceleration along axes that are turned upright, as gravity shows them; as it is where it holds none."""
+    if _VERTICAL not in axes or not _holds_gravity(rest):
+        return acceleration
+    down = np.zeros(len(axes))
+    down[axes.index(_VERTICAL)] = np.copysign(1.0, rest[axes.index(_VERTICAL)])
+    felt = rest / np.linalg.norm(rest)
+    # The smallest rotation that takes what is felt to where down is.
+    both = felt + down
+    turn = np.eye(len(axes)) - np.outer(both, both) / (1 + felt @ down) + 2 * np.outer(down, felt)
+    return acceleration.assign(
+        acceleration=acceleration["acceleration"].copy(data=acceleration["acceleration"].values @ turn.T)
     )
 
 

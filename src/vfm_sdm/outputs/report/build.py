@@ -64,8 +64,8 @@ _OF_OTHER_FILES = (LookupError, TypeError, AttributeError, ValueError)
 
 def _other_files(place: Path, command: str, error: Exception) -> ResultsError:
     return ResultsError(
-        f"{place}: expected files as this version of vfm-sdm writes them, got others ({type(error).__name__}: {error}); "
-        f"run `vfm-sdm {command}` again"
+        f"{place}: expected files as this version of vfm-sdm writes them, got others ({type(error).__name__}: "
+        f"{error}); run `vfm-sdm {command}` again"
     )
 
 

@@ -61,6 +61,31 @@ FUSION_FORMS: Mapping[str, str] = {
     "wird im Abstand von {width} s um {centre} s gesucht, nach den Anfangszeiten von Video und Sensor",
     "lag of the sensor": "Versatz des Sensors",
     "sensor {sensor} tells no length": "Sensor {sensor} gibt keine Länge an",
+    "it reads {value:n} m/s2 at rest": "er zeigt in Ruhe {value} m/s2",
+    "its vertical axis does not feel gravity": "seine vertikale Achse spürt die Fallbeschleunigung nicht",
+    "neither gravity nor nothing": "weder die Fallbeschleunigung noch nichts",
+    "check its units and its columns": "seine Einheiten und Spalten prüfen",
+    "name those of all three axes where it is not upright": "die aller drei Achsen angeben, wenn er nicht aufrecht "
+    "steht",
+    "its record holds no gravity and nothing checks its units": "seine Aufzeichnung enthält keine Fallbeschleunigung "
+    "und "
+    "nichts prüft seine Einheiten",
+    "along {axis} the video scatters {ratio:n} times as much about it as it states": "entlang {axis} streut das "
+    "Video um "
+    "ihn {ratio}-mal so stark wie angegeben",
+    "along {axis} its motion has another size at some frequencies than at others": "entlang {axis} ist seine "
+    "Bewegung bei "
+    "manchen Frequenzen anders groß als bei anderen",
+    "the video over it is {ratio:n} times as large along {first} as along {second}": "das Video ist über ihm entlang "
+    "{first} {ratio}-mal so groß wie entlang {second}",
+    "check that it sits at {point} and that nothing filters it": "prüfen, ob er an {point} sitzt und nichts ihn "
+    "filtert",
+    "the video over the sensor is {size:n} from {low:n} to {high:n} Hz and {other:n} from {begin:n} to {end:n} Hz": ""
+    "das "
+    "Video über dem Sensor ist {size} von {low} bis {high} Hz und {other} von {begin} bis {end} Hz",
+    "the sensor sits elsewhere or does not show all frequencies alike": "der Sensor sitzt anderswo oder zeigt nicht "
+    "alle "
+    "Frequenzen gleich",
     "the cameras were not found": "die Kameras wurden nicht gefunden",
     "point {point} is not seen in two views": "Punkt {point} ist nicht in zwei Ansichten zu sehen",
     "scale by sensor {sensor}": "Maßstab durch Sensor {sensor}",
