@@ -18,8 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from scipy.linalg import expm
-from scipy.signal import lfilter
 from scipy.stats import chi2
 
 ROOT = Path(__file__).parents[1]
@@ -29,23 +27,12 @@ from intervals import range_of_share  # noqa: E402
 from vfm_sdm.analysis.modal import ModalOptions, compute_mac, identify_modes  # noqa: E402
 from vfm_sdm.core.datasets import STRUCTURE_AXES  # noqa: E402
 from vfm_sdm.studies.synthetic.presets import preset  # noqa: E402
+from vibrating import oscillate  # noqa: E402
 
 STIFFNESS = 2 * np.eye(5) - np.eye(5, k=1) - np.eye(5, k=-1)
 STIFFNESS[-1, -1] = 1
 STATIONS = np.array([1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4])
 GIRDER_NOISE_MM = (0.03, 0.02, 0.05)
-
-
-def oscillate(frequency_hz: float, damping: float, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-    """Response of a mode to white noise, exactly, of standard deviation 1, shape (T,)."""
-    angular = 2 * np.pi * frequency_hz
-    pole = angular * (-damping + 1j * np.sqrt(1 - damping**2))
-    step = expm(np.array([[0, 1], [-(angular**2), -2 * damping * angular]]) / rate_hz)
-    still = np.diag([1, angular**2])
-    force = np.linalg.cholesky(still - step @ still @ step.T + 1e-14 * still) @ rng.normal(size=(2, count))
-    force[:, 0] = [1, angular] * rng.normal(size=2)
-    driven = (force[1] - np.conj(pole) * force[0]) / (pole - np.conj(pole))
-    return 2 * lfilter([1], [1, -np.exp(pole / rate_hz)], driven).real
 
 
 def as_displacement(values: np.ndarray, rate_hz: float, noise_mm: tuple[float, float, float]) -> xr.Dataset:

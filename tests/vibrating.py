@@ -1,17 +1,30 @@
 """Displacement of a beam that vibrates in known modes, driven by white noise, without films."""
 
 import numpy as np
+from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from vfm_sdm.core.datasets import STRUCTURE_AXES, DisplacementArrays, make_displacement
 
-__all__ = ["DAMPING", "FREQUENCY_HZ", "NOISE_MM", "true_shapes", "vibrate"]
+__all__ = ["DAMPING", "FREQUENCY_HZ", "NOISE_MM", "oscillate", "true_shapes", "vibrate"]
 
 FREQUENCY_HZ = np.array([1.6, 2.4, 6.1])
 DAMPING = np.array([0.012, 0.015, 0.02])
 NOISE_MM = 0.02
 RATE_HZ = 30.0
 POINTS = 6
+
+
+def oscillate(frequency_hz: float, damping: float, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+    """Response of a mode to white noise, exactly, of standard deviation 1, shape (T,)."""
+    angular = 2 * np.pi * frequency_hz
+    pole = angular * (-damping + 1j * np.sqrt(1 - damping**2))
+    step = expm(np.array([[0, 1], [-(angular**2), -2 * damping * angular]]) / rate_hz)
+    still = np.diag([1, angular**2])
+    force = np.linalg.cholesky(still - step @ still @ step.T + 1e-14 * still) @ rng.normal(size=(2, count))
+    force[:, 0] = [1, angular] * rng.normal(size=2)
+    driven = (force[1] - np.conj(pole) * force[0]) / (pole - np.conj(pole))
+    return 2 * lfilter([1], [1, -np.exp(pole / rate_hz)], driven).real
 
 
 def true_shapes():
@@ -30,11 +43,7 @@ def vibrate(duration_s=60.0, *, seed=0, moves=True, static=0, frequency_hz=FREQU
     count = round(RATE_HZ * duration_s)
     values = NOISE_MM * rng.normal(size=(count, POINTS + static, 3))
     for hertz, damping, shape in zip(frequency_hz, DAMPING, true_shapes() if shapes is None else shapes, strict=True):
-        angular = 2 * np.pi * hertz
-        pole = np.exp(angular * (-damping + 1j * np.sqrt(1 - damping**2)) / RATE_HZ)
-        force = np.sqrt(1 - abs(pole) ** 2) * (rng.normal(size=count) + 1j * rng.normal(size=count))
-        force[0] /= np.sqrt(1 - abs(pole) ** 2)
-        modal = lfilter([1], [1, -pole], force).real / hertz
+        modal = oscillate(hertz, damping, count, RATE_HZ, rng) / hertz
         if moves:
             values[:, :POINTS] += modal[:, None, None] * shape
     place = np.zeros((count, POINTS + static, 3))
