@@ -179,9 +179,8 @@ def fuse(
         *acceleration.attrs.get("notes", ()),
         *name_defects(codes, acceleration["time"].values, [sensor], sensed),
     ]
-    search = settings.search or search_about_start(displacement, acceleration)
-    if settings.search is None and search != LagSearch(_SEARCH_S):
-        notes.append(_BY_START.format(search=search))
+    search, by_start = _choose_search(settings.search, displacement, acceleration)
+    notes += by_start
     lag = _find_lag(displacement, acceleration, (point, sensor), chosen, search)
     values = trusted_values(displacement, "displacement")
     if not lag.ok:
@@ -254,6 +253,15 @@ def _choose_axes(displacement: xr.Dataset, acceleration: xr.Dataset, point: str,
             "columns in the session"
         )
     return list(axes) or shared
+
+
+def _choose_search(
+    given: LagSearch | None, displacement: xr.Dataset, acceleration: xr.Dataset
+) -> tuple[LagSearch, list[str]]:
+    """Where the lag is looked for, and a note where it was start times that told it."""
+    search = given or search_about_start(displacement, acceleration)
+    told = given is None and search != LagSearch(_SEARCH_S)
+    return search, [_BY_START.format(search=search)] * told
 
 
 def _find_lag(
