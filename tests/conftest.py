@@ -67,8 +67,9 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Keeps what was noted, once: workers tell the process that started them."""
-    if _noted and not hasattr(session.config, "workerinput") and session.config.cache is not None:
-        session.config.cache.set(_DURATIONS, session.config.cache.get(_DURATIONS, {}) | _noted)
+    cache = getattr(session.config, "cache", None)  # there is none with -p no:cacheprovider
+    if _noted and not hasattr(session.config, "workerinput") and cache is not None:
+        cache.set(_DURATIONS, cache.get(_DURATIONS, {}) | _noted)
 
 
 _noted: dict[str, dict[str, float]] = {}
@@ -79,7 +80,8 @@ def _expected_seconds(config: pytest.Config) -> dict[str, float]:
 
     What tests of a file share is prepared for whichever comes first.
     """
-    durations: dict[str, dict[str, float]] = {} if config.cache is None else config.cache.get(_DURATIONS, {})
+    cache = getattr(config, "cache", None)
+    durations: dict[str, dict[str, float]] = {} if cache is None else cache.get(_DURATIONS, {})
     prepared: dict[str, float] = {}
     for name, seconds in durations.items():
         file = name.partition("::")[0]
