@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from vfm_sdm.core.arrays import BoolArray, ComplexArray, FloatArray
 
@@ -36,7 +37,7 @@ class Peaks:
         """How far from its frequency a mode is most of what moves, shape (M,) [Hz]."""
         return np.maximum(4 / self.duration_s, 2 * self.damping_ratio * self.frequency_hz)
 
-    def near(self, number: int, line_hz: FloatArray) -> BoolArray:
+    def near(self, number: int, line_hz: npt.NDArray[np.floating]) -> BoolArray:
         """Lines that a mode rules, shape (F,).
 
         Parameters
