@@ -125,6 +125,8 @@ class CameraStatus(StrEnum):
     NOT_CONVERGED = "site adjustment did not converge"
     BEHIND = "the scene lies behind the cameras"
     """Most matches of two views do not meet in front of both: the baseline is reversed, or a camera turned about."""
+    TURNED = "a camera is turned far from where it was estimated"
+    """By more than five of the standard deviations that its estimator states: one of them is wrong."""
 
 
 class BoardStatus(StrEnum):

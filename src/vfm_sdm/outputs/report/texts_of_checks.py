@@ -35,6 +35,7 @@ _STATUSES: Mapping[str, str] = {
     CameraStatus.SEVERAL: "mehrere Kamerastellungen passen zu allem Bekannten",
     CameraStatus.NOT_CONVERGED: "die Ausgleichung konvergierte nicht",
     CameraStatus.BEHIND: "die Szene liegt hinter den Kameras",
+    CameraStatus.TURNED: "eine Kamera ist weit von dort weggedreht, wo sie geschätzt wurde",
     ClockStatus.STATED: "wie angegeben",
     ClockStatus.NOT_UNIQUE: "Maximum nicht eindeutig",
     ClockStatus.NO_MOTION: "keine gemeinsame Bewegung",

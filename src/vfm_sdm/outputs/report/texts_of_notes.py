@@ -204,6 +204,8 @@ _CAMERAS: Mapping[str, str] = {
     '"{side}" or "{other}"': '"{side}" oder "{other}"',
     "{few:n} of {all:n} matches of {first} and {second} do not lie in front of both cameras": "{few} von {all} "
     "Verknüpfungen von {first} und {second} liegen nicht vor beiden Kameras",
+    "{view} is turned by {degrees:n} degrees from where its estimator put it, which states {std:n}": "{view} ist um "
+    "{degrees} Grad von dort weggedreht, wo ihr Verfahren sie sah, das {std} angibt",
     "use another camera estimator": "ein anderes Verfahren für die Kameras wählen",
     "PoseDiffusion: {few:n} of {all:n} matches agree with its cameras, too few to guide it": "PoseDiffusion: {few} von "
     "{all} Verknüpfungen passen zu seinen Kameras, zu wenige, um es zu führen",

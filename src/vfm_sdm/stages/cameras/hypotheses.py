@@ -23,6 +23,7 @@ from vfm_sdm.geometry.structure_frame import StructureFrame
 from vfm_sdm.geometry.triangulation import in_front_of_all, triangulate
 from vfm_sdm.inputs.session import Session
 from vfm_sdm.stages.cameras.base import Hypothesis
+from vfm_sdm.stages.cameras.confusions import FREE_STD
 from vfm_sdm.stages.cameras.site import SiteAdjustment, compare_rigs
 from vfm_sdm.stages.matching.matches import Matches
 
@@ -36,6 +37,9 @@ _LONGER = 2.0
 """Standard deviations of its prior by which a lens may be longer than stated."""
 _TURNS = np.radians([-60.0, -25.0, 25.0, 60.0, 180.0])
 """Directions of the baseline from which the adjustment starts again, from the first solution's."""
+_ROTATION = slice(CAMERA_PARAMETERS.index("rx"), CAMERA_PARAMETERS.index("rz") + 1)
+_MOST_TURNED = 5.0
+"""Standard deviations of its rotation by which a camera may be turned in the adjustment."""
 _RIVAL_COST = 9.0
 """Cost above the least one up to which a solution is a rival: three standard deviations of one free direction."""
 _AHEAD = 0.5
@@ -192,6 +196,42 @@ def list_behind(rig: Rig, matches: Sequence[Matches]) -> list[str]:
             found.append(
                 f"{np.sum(~ahead)} of {len(m)} matches of {rig.names[m.first]!r} and {rig.names[m.second]!r} do not "
                 "lie in front of both cameras; use another camera estimator"
+            )
+    return found
+
+
+def list_turned(prior: Rig, adjusted: Rig) -> list[str]:
+    """Sentences on cameras that the adjustment turned by more than the prior of their rotations lets expect.
+
+    Parameters
+    ----------
+    prior
+        Cameras of V views with their prior covariance; rotations that are free or held fixed are not compared.
+    adjusted
+        The same cameras after the adjustment.
+
+    Notes
+    -----
+    Of a rotation whose three parts have the stated standard deviation, one in 60,000 turns further than five of them.
+
+    Examples
+    --------
+    >>> from vfm_sdm.geometry.camera import Camera
+    >>> camera = Camera(np.array([[4000.0, 0, 640], [0, 4000, 360], [0, 0, 1]]), (1280, 720))
+    >>> stds = np.array([0.05, 0, 0, 0, 0.03, 0.03, 0.03, 0.1, 0.1, 0.1])
+    >>> prior = Rig(("left", "right"), (camera, camera), True, np.diag([*0 * stds, *stds**2]))
+    >>> turned = camera.perturbed([0, 0, 0, 0, 0, 0.3, 0, 0, 0, 0])
+    >>> list_turned(prior, Rig(prior.names, (camera, turned), True))[0].partition(",")[0]
+    "'right' is turned by 17.2 degrees from where its estimator put it"
+    """
+    found = []
+    stds = np.sqrt(np.diag(np.asarray(prior.covariance))).reshape(len(prior), -1)[:, _ROTATION]
+    for name, before, after, std in zip(prior.names, prior.cameras, adjusted.cameras, stds, strict=True):
+        turn, most = before.turn_to(after), _MOST_TURNED * float(std.max())
+        if std.min() > 0 and std.max() < FREE_STD and turn > most:
+            found.append(
+                f"{name!r} is turned by {np.degrees(turn):.1f} degrees from where its estimator put it, which states "
+                f"{np.degrees(std.max()):.1f}; use another camera estimator"
             )
     return found
 

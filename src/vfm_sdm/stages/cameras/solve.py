@@ -20,7 +20,7 @@ from vfm_sdm.inputs.session import FirstFrames, Session, Site
 from vfm_sdm.stages.cameras.base import CameraEstimator, Hypothesis
 from vfm_sdm.stages.cameras.confusions import FREE_STD, Statements
 from vfm_sdm.stages.cameras.contradictions import explain_contradiction
-from vfm_sdm.stages.cameras.hypotheses import list_behind, weigh_hypotheses
+from vfm_sdm.stages.cameras.hypotheses import list_behind, list_turned, weigh_hypotheses
 from vfm_sdm.stages.cameras.profile_checks import compare_with_profiles
 from vfm_sdm.stages.cameras.site import SiteAdjustment, adjust_to_site
 from vfm_sdm.stages.cameras.site_values import SitePoint
@@ -97,16 +97,20 @@ def solve_cameras(
     lenses = {view.name: view.lens for view in session.view}
     adjusted = weighed.widened(explain_contradiction(solved.stated, solved.adjusted, lenses))
     behind = list_behind(adjusted.rig, matches)
+    turned = list_turned(weighed.hypothesis.rig, adjusted.rig)
     notes = [
         *estimate.notes,
         *adjusted.notes,
         *behind,
+        *turned,
         *compare_with_profiles(session, frames, weighed.hypothesis.rig, adjusted.rig),
         *solved.unused,
         *([] if known else [_NO_COVARIANCE]),
         *_list_missing(points),
     ]
     status = adjusted.status if estimate.status == CameraStatus.OK else estimate.status
+    if turned and status in (CameraStatus.OK, CameraStatus.DISAGREE):
+        status = CameraStatus.TURNED
     status = CameraStatus.BEHIND if behind else status
     solution = replace(CameraSolution.of(adjusted, points), status=status, notes=tuple(notes))
     if known:
