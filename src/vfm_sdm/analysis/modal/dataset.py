@@ -135,7 +135,8 @@ def _scaled_shape(channels: Channels, one: Found, found: Sequence[Found]) -> tup
         np.array([other.oscillation.damping_ratio.value for other in found]),
         channels.duration_s,
     )
-    near = peaks.near(found.index(one), np.fft.rfftfreq(len(white), 1 / channels.rate_hz))
+    hertz = np.asarray(np.fft.rfftfreq(len(white), 1 / channels.rate_hz), np.float64)
+    near = peaks.near(found.index(one), hertz)
     beside = [found[number] for number in peaks.beside(found.index(one))]
     lines = np.fft.rfft(white, axis=0)[near]
     series = np.fft.rfft(np.stack([other.series for other in beside], axis=1), axis=0)[near]

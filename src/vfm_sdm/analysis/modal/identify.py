@@ -184,7 +184,8 @@ def _refine_shapes(white: FloatArray, clusters: Sequence[Cluster], channels: Cha
     the subspace, and so shapes are mixtures. At a mode's own peak the others are weak, and what moves there with its
     coordinate is its shape. Only modes whose peaks overlap are told apart as before.
     """
-    lines, hertz = np.fft.rfft(white, axis=0), np.fft.rfftfreq(len(white), 1 / channels.rate_hz)
+    lines = np.fft.rfft(white, axis=0)
+    hertz = np.asarray(np.fft.rfftfreq(len(white), 1 / channels.rate_hz), np.float64)
     coordinates = np.fft.rfft(_modal_coordinates(white, clusters, channels), axis=0)
     frequency, damping = (
         np.array([getattr(cluster, name) for cluster in clusters]) for name in ("frequency_hz", "damping_ratio")
