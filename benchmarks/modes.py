@@ -86,6 +86,12 @@ def make_girder(duration_s: float, rng: np.random.Generator, *, moves: bool = Tr
     return as_displacement(values, 60.0, GIRDER_NOISE_MM), frequency, damping, true
 
 
+COLUMNS = ("length", "found", "wrong", "f holds", "(true share)", "damping", "(true share)", "MAC 5 %", "least")
+COLUMNS += ("of mode", "stated", "f error", "a record")
+WIDTHS = (7, 8, 7, 9, 14, 9, 14, 9, 8, 9, 9, 9, 10)
+"""Of the columns."""
+
+
 def tolerance(frequency: np.ndarray, damping: np.ndarray, duration_s: float) -> np.ndarray:
     """How far a pole may lie from a mode to be its own, over the mode's frequency, shape (M,).
 
@@ -137,9 +143,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, nargs="+", default=[16, 60, 300], help="lengths of the records")
     options = parser.parse_args()
     figures: dict[str, float] = {}
-    heads = ("length", "found", "wrong", "f holds", "(true share)", "damping", "(true share)", "MAC 5 %", "least")
-    heads += ("of mode", "stated", "f error", "a record")
-    print(f"{'structure':10s}" + "".join(f"{head:>15s}" for head in heads))
+    print(f"{'structure':10s}" + "".join(map(str.rjust, COLUMNS, WIDTHS)))
     for name, make in (("chain", make_chain), ("girder", make_girder)):
         for seconds in options.seconds:
             begin, rows = time.process_time(), []
@@ -154,11 +158,11 @@ def main() -> None:
             ranges = [range_of_share(int(table[:, column].sum()), len(table)) for column in (1, 2)]
             f_holds, z_holds = table[:, 1].mean(), table[:, 2].mean()
             low, error, least = np.quantile(table[:, 3], 0.05), table[:, 4].std(), table[table[:, 3].argmin()]
-            between = [f"{one[0]:.3f} to {one[1]:.3f}" for one in ranges]
+            between = [f"{one[0]:.3f}-{one[1]:.3f}" for one in ranges]
             cells = (f"{seconds:g} s", f"{found:.3f}", str(wrong), f"{f_holds:.3f}", between[0], f"{z_holds:.3f}")
             cells += (between[1], f"{low:.4f}", f"{least[3]:.3f}", f"{truth[0][int(least[5])]:.3g} Hz")
             cells += (f"{(table[:, 3] > table[:, 6]).mean():.3f}", f"{100 * error:.2f} %", f"{each:.2f} s")
-            print(f"{name:10s}" + "".join(f"{cell:>15s}" for cell in cells), flush=True)
+            print(f"{name:10s}" + "".join(map(str.rjust, cells, WIDTHS)), flush=True)
             of_kind = {
                 "modes_found_share": found,
                 "wrong_poles_share": wrong / max(len(rows), 1),

@@ -26,7 +26,9 @@ def poles(*hertz):
     }
     shape = np.zeros((count, 2, 1), complex)
     shape[:, 0] = 1
-    return xr.Dataset({"frequency": ("mode", list(hertz)), "shape": (("mode", "point", "axis"), shape), **everything})
+    shapes = {"shape": shape, "shape_std": np.full(shape.shape, 0.01)}
+    everything |= {name: (("mode", "point", "axis"), values) for name, values in shapes.items()}
+    return xr.Dataset({"frequency": ("mode", list(hertz)), **everything})
 
 
 @pytest.mark.parametrize(
