@@ -1,6 +1,7 @@
 """What all tests share."""
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -39,6 +40,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="SECONDS",
         help="leave out tests that took longer when they last ran here; what is prepared counts for its whole file",
     )
+    parser.addoption(
+        "--end-by",
+        type=float,
+        metavar="SECONDS",
+        help="skip what has not begun by then, in seconds since 1970: a run on a slow machine ends in time and says so",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -58,6 +65,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if seconds.get(item.nodeid, 0.0) <= longest]
     if config.getoption("--backwards"):
         items.reverse()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Before anything is prepared for a test for which there is no time."""
+    end = item.config.getoption("--end-by")
+    if end is not None and time.time() > end:
+        pytest.skip("there was no time left for it")
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
